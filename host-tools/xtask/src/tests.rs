@@ -19,7 +19,7 @@ use crate::cross::{Linking, Target};
 use crate::image::DebianRoot;
 use crate::python::{READERS, SPARK};
 use crate::suite::Suite;
-use crate::{agreement, bare, bare_metal, dist, image, setup};
+use crate::{agreement, bare, bare_metal, deny, dist, image, setup};
 
 mod ahead;
 mod journal;
@@ -50,11 +50,11 @@ const IMAGES: &str = "PLUMBLINE_IMAGES";
 /// One way to run the checks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Part {
-    /// For daily work: rustfmt, clippy, and the tests on this machine, without those that render
+    /// For daily work: rustfmt, clippy, the dependencies, and the tests on this machine, without those that render
     /// or photograph many pictures, start the box's program, or open a browser; without the tests
     /// in the documentation, other processors and images.
     Quick,
-    /// On this machine: rustfmt, clippy, build, all tests.
+    /// On this machine: rustfmt, clippy, the dependencies, build, all tests.
     Native,
     /// The tests of what ships on 64-bit ARM, the core and the box's program, built for it and run
     /// under QEMU; and one recording whose poses agree with this machine's.
@@ -231,6 +231,7 @@ const QUICK: &[&str] = &["--workspace", "--lib", "--bins", "--test", "published"
 
 fn quick(journal: &mut Journal) {
     format_and_lint(journal);
+    dependencies(journal);
     let Some(recordings) = recordings(journal) else { return };
     let cargo = || Task::cargo().env(RECORDINGS, &recordings.to_string_lossy());
     let suite =
@@ -247,6 +248,16 @@ fn format_and_lint(journal: &mut Journal) {
         let lint = ["clippy", "--workspace", "--test", "boot", "--test", "dist", "--"];
         Task::cargo().args(lint).args(["--deny", "warnings"]).run()
     });
+}
+
+/// Checks the crates that are used.
+fn dependencies(journal: &mut Journal) {
+    let mut notices = Vec::new();
+    journal.check("dependencies", || {
+        notices = deny::check()?;
+        Ok(())
+    });
+    journal.notices.append(&mut notices);
 }
 
 /// Renders the recordings that the tests read, on this machine; returns their directory.
@@ -266,6 +277,7 @@ fn native(journal: &mut Journal) {
     // A download, in parallel with compiling.
     let python = thread::spawn(|| READERS.prepare());
     format_and_lint(journal);
+    dependencies(journal);
     // With all targets, although the tests come later: otherwise dependencies would be rebuilt for
     // the tests, with the features that these request.
     let build = ["build", "--workspace", "--all-targets"];

@@ -8,8 +8,9 @@
 //! all of these ─▶ NAME.cdx.json, SHA256SUMS
 //! ```
 //!
-//! The same commit gives the same bytes, wherever it is built, by the same compilers: Debian's
-//! packages are those of a lock file, every date is the commit's, and no path, name or time of this computer is in them.
+//! The same commit gives the same bytes, wherever it is built, by the same compilers: Debian's packages
+//! are those of a lock file, every date is the commit's, and no path, name or time of this computer is
+//! in them.
 //! `--check` proves it.
 
 mod check;
