@@ -16,6 +16,7 @@
 mod check;
 mod deb;
 mod host;
+mod linked;
 mod macos;
 mod platform;
 mod sbom;
@@ -32,6 +33,7 @@ use clap::ValueEnum;
 
 use crate::command::{BadInput, Task, root, target_directory};
 use crate::commit::Commit;
+use crate::cross::{self, Target};
 use crate::{debian, image, setup, sums};
 use host::Programs;
 use image::Profile;
@@ -338,12 +340,10 @@ impl Making<'_> {
     }
 
     fn make_for_box(&self, what: What) -> Result<String> {
-        let triple = Platform::LinuxAarch64.triple();
         if what == What::BoxDeb {
             let name = format!("plumbline-board_{}_arm64.deb", debian::VERSION);
             image::make_deb(&self.out.join(&name))?;
-            let contents = Contents::of_crates("plumbline-board", triple, &["libcamera"])?;
-            self.list(&name, &contents)?;
+            self.list(&name, &Self::contents_for_box(&["libcamera"])?)?;
             return Ok(name);
         }
         let name = format!("plumbline-box-{}-rpi4.img.xz", debian::VERSION);
@@ -354,9 +354,17 @@ impl Making<'_> {
         let packed = Task::new("xz").args(["--threads=1", "--stdout", "-6"]).args([&card]);
         fs::write(self.out.join(&name), packed.output_bytes()?)?;
         fs::remove_file(&card)?;
-        let contents = Contents::of_crates("plumbline-board", triple, &[])?;
-        self.list(&name, &packages.iter().fold(contents, Contents::with_debian_package))?;
+        self.list(&name, &Self::contents_for_box(&[])?.with_debian_packages(&packages))?;
         Ok(name)
+    }
+
+    /// What is in the box's program.
+    fn contents_for_box(features: &[&str]) -> Result<Contents> {
+        let triple = Platform::LinuxAarch64.triple();
+        let library = linked::packages(cross::AARCH64_GCC, &["libgcc.a"])?;
+        let contents = Contents::of_crates("plumbline-board", triple, features)?;
+        let version = Target::Aarch64.toolchain()?.compiler_version()?;
+        Ok(contents.with_standard_library(&version).with_linked(&library))
     }
 
     /// The directory with the pages and completions, written by the program of this computer.

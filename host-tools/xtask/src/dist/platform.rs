@@ -85,6 +85,14 @@ impl Platform {
         matches!(self, Self::WindowsX86_64)
     }
 
+    /// What links the box's program, which has its C library in itself.
+    pub const fn gcc(self) -> &'static str {
+        match self {
+            Self::LinuxAarch64 => cross::AARCH64_GCC,
+            _ => "cc",
+        }
+    }
+
     /// Whether its programs run on this computer.
     pub fn is_here(self) -> bool {
         self.is_linux() && self.triple().starts_with(env::consts::ARCH)
@@ -132,8 +140,11 @@ impl Platform {
     }
 }
 
+/// What links programs for Windows.
+pub const MINGW_GCC: &str = "x86_64-w64-mingw32-gcc";
+
 const MINGW: &[Need] = &[Need {
-    probe: Probe::Program("x86_64-w64-mingw32-gcc"),
+    probe: Probe::Program(MINGW_GCC),
     package: "gcc-mingw-w64-x86-64",
     why: "links programs for Windows",
 }];
@@ -295,7 +306,7 @@ impl Builder {
             }
             // What links with zig would take a linker that is named here instead.
             Platform::LinuxAarch64 if compiled == Compiled::Board => {
-                environment.push((format!("{own}_LINKER"), "aarch64-linux-gnu-gcc".into()));
+                environment.push((format!("{own}_LINKER"), cross::AARCH64_GCC.into()));
             }
             Platform::MacosAarch64 | Platform::MacosX86_64 => {
                 flags += &macos::flags(&work().join("frameworks"))?;

@@ -2,7 +2,9 @@
 //! where, by which licence, and what uses what.
 //!
 //! The crates are those that cargo links into the program for its target, without what only builds or
-//! tests it; of each the checksum of the registry. The same deliverable gives the same list.
+//! tests it; of each the checksum of the registry. Debian packages are those of which files are on the
+//! card, or of which the linker took parts; of each the version and the checksum. The same deliverable
+//! gives the same list.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -20,19 +22,20 @@ use cyclonedx_bom::prelude::{
 };
 use toml::{Table, Value};
 
+use super::linked::Installed;
 use crate::command::{Task, root};
 use crate::commit::Commit;
 use crate::image::Package;
 use crate::sums::sha256;
 
 /// What is in a deliverable.
-#[derive(Debug, Default, Clone)]
+#[derive(Debug, Default, Clone, PartialEq, Eq)]
 pub struct Contents {
     parts: BTreeMap<String, Part>,
     uses: BTreeMap<String, BTreeSet<String>>,
 }
 
-/// A component: a crate, a Debian package, the standard library.
+/// A component: a crate, a Debian package, a package of npm, the standard library.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Part {
     kind: &'static str,
@@ -47,6 +50,16 @@ impl Part {
     fn reference(&self) -> String {
         let version = self.version.replace('+', "%2B").replace(':', "%3A");
         format!("pkg:{}/{}@{version}", self.kind, self.name)
+    }
+
+    /// What it is in the system.
+    fn class(&self) -> Classification {
+        match self.name.strip_prefix("debian/") {
+            Some(name) if name.starts_with("linux-image-") => Classification::OperatingSystem,
+            Some("raspi-firmware") => Classification::Firmware,
+            Some("busybox-static") => Classification::Application,
+            _ => Classification::Library,
+        }
     }
 }
 
@@ -103,14 +116,39 @@ impl Contents {
         self
     }
 
-    /// Adds a Debian package.
-    pub fn with_debian_package(mut self, package: &Package) -> Self {
+    /// Adds Debian packages of which parts are in it.
+    pub fn with_debian_packages(self, packages: &[Package]) -> Self {
+        packages.iter().fold(self, |contents, package| {
+            contents.with_debian(&package.name, &package.version, Some(package.sha256.clone()))
+        })
+    }
+
+    /// Adds Debian packages of this computer, of which the linker took parts.
+    pub fn with_linked(self, packages: &[Installed]) -> Self {
+        packages.iter().fold(self, |contents, package| {
+            contents.with_debian(&package.name, &package.version, package.sha256.clone())
+        })
+    }
+
+    fn with_debian(mut self, name: &str, version: &str, sha256: Option<String>) -> Self {
         self.add(Part {
             kind: "deb",
-            name: format!("debian/{}", package.name),
-            version: package.version.clone(),
+            name: format!("debian/{name}"),
+            version: version.to_owned(),
             licence: None,
-            sha256: Some(package.sha256.clone()),
+            sha256,
+        });
+        self
+    }
+
+    /// Adds a file of a package of npm.
+    pub fn with_npm_package(mut self, name: &str, version: &str, licence: &str, sum: &str) -> Self {
+        self.add(Part {
+            kind: "npm",
+            name: name.to_owned(),
+            version: version.to_owned(),
+            licence: Some(licence.to_owned()),
+            sha256: Some(sum.to_owned()),
         });
         self
     }
@@ -144,8 +182,8 @@ impl Contents {
         own.licenses = Some(licences("MIT OR Apache-2.0"));
         let mut components = Vec::new();
         for (reference, part) in &self.parts {
-            let kind = Classification::Library;
-            let mut it = Component::new(kind, &part.name, &part.version, Some(reference.clone()));
+            let class = part.class();
+            let mut it = Component::new(class, &part.name, &part.version, Some(reference.clone()));
             it.purl = Some(purl(part)?);
             it.licenses = part.licence.as_deref().map(licences);
             it.hashes = part.sha256.as_deref().map(hashes);
@@ -259,7 +297,7 @@ mod tests {
         let lock = "[[package]]\nname = \"clap\"\nversion = \"4.5.0\"\nchecksum = \"".to_owned()
             + &"ab".repeat(32)
             + "\"\n[[package]]\nname = \"plumb\"\nversion = \"0.1.0\"\n";
-        Contents::parse(TREE, &checksums(&lock).unwrap()).unwrap().with_debian_package(&busybox)
+        Contents::parse(TREE, &checksums(&lock).unwrap()).unwrap().with_debian_packages(&[busybox])
     }
 
     #[test]
