@@ -15,7 +15,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use plumbline_test_support::RUNNER;
 
-use crate::command::{Task, root, target_directory};
+use crate::command::{LOCKED, Task, root, target_directory};
 use crate::setup::{self, Need, Probe};
 
 /// A kind of ARM processor that runs Linux programs.
@@ -221,7 +221,8 @@ impl Compiler {
             Self::Rustup => Task::cargo(),
             Self::Debian => Self::environment(built)
                 .into_iter()
-                .fold(Task::new("/usr/bin/cargo"), |task, (name, value)| task.env(name, value)),
+                .fold(Task::new("/usr/bin/cargo"), |task, (name, value)| task.env(name, value))
+                .args([LOCKED]),
         }
     }
 

@@ -35,6 +35,7 @@ mod stack;
 mod suite;
 mod sums;
 mod tests;
+mod toolchain;
 
 use std::process::ExitCode;
 

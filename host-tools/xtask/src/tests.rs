@@ -14,12 +14,12 @@ use plumbline_test_support::{
 };
 
 use crate::bare_metal::Document;
-use crate::command::{BadInput, Task, target_directory};
+use crate::command::{BadInput, LOCKED, Task, target_directory};
 use crate::cross::{Linking, Target};
 use crate::image::DebianRoot;
 use crate::python::{READERS, SPARK};
 use crate::suite::Suite;
-use crate::{agreement, bare, bare_metal, deny, dist, image, setup};
+use crate::{agreement, bare, bare_metal, deny, dist, image, setup, toolchain};
 
 mod ahead;
 mod journal;
@@ -191,6 +191,7 @@ impl Arguments {
 
 /// Runs the parts and prints a summary.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    toolchain::settle()?;
     let parts =
         if arguments.parts.is_empty() { &Part::EVERYTHING[..] } else { &arguments.parts[..] };
     for (is_given, option, part, why) in [
@@ -220,6 +221,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         journal.part = part.word();
         part.run(&mut journal, arguments)?;
     }
+    journal.notices.extend(toolchain::notice());
     if [Part::Arm, Part::Boot].iter().any(|part| parts.contains(part)) {
         journal.notices.extend(DebianRoot::notice()?);
     }
@@ -242,10 +244,10 @@ fn quick(journal: &mut Journal) {
 fn format_and_lint(journal: &mut Journal) {
     journal.check("format", || Task::cargo().args(["fmt", "--all", "--check"]).run());
     journal.check("lint", || {
-        let lint = ["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"];
+        let lint = ["clippy", LOCKED, "--workspace", "--all-targets", "--", "--deny", "warnings"];
         Task::cargo().args(lint).run()?;
         // "All targets" are those that `cargo test` runs; these are separate.
-        let lint = ["clippy", "--workspace", "--test", "boot", "--test", "dist", "--"];
+        let lint = ["clippy", LOCKED, "--workspace", "--test", "boot", "--test", "dist", "--"];
         Task::cargo().args(lint).args(["--deny", "warnings"]).run()
     });
 }

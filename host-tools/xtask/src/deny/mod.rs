@@ -73,7 +73,7 @@ pub fn check() -> Result<Vec<String>> {
     let (configuration, metadata) =
         (directory().join("deny.toml"), directory().join("metadata.json"));
     fs::write(&configuration, rules).with_context(|| configuration.display().to_string())?;
-    let cargo = ["metadata", "--locked", "--all-features", "--format-version", "1"];
+    let cargo = ["metadata", "--all-features", "--format-version", "1"];
     let described = Task::cargo().args(cargo).output_bytes()?;
     fs::write(&metadata, described).with_context(|| metadata.display().to_string())?;
     // The database is there already.

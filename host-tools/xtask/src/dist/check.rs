@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use super::platform;
 use crate::command::{Task, root};
 use crate::commit::Commit;
-use crate::sums;
+use crate::{sums, toolchain};
 
 /// The directory of the second checkout; its name has another length than that of any checkout here.
 const ELSEWHERE: &str = "checked-out-elsewhere";
@@ -25,8 +25,9 @@ pub fn again(what: &[String], out: &Path, commit: &Commit) -> Result<()> {
     let checkout = ["checkout", "--quiet", "--detach", &commit.id];
     Task::new("git").args(checkout).current_dir(&place).run()?;
     Task::cargo()
-        .args(["run", "--quiet", "--locked", "--package", "xtask", "--", "dist"])
+        .args(["run", "--quiet", "--package", "xtask", "--", "dist"])
         .args(what)
+        .args((!toolchain::is_pinned()).then_some("--other-rust"))
         .args(["--out".as_ref(), second.as_os_str()])
         .env("CARGO_TARGET_DIR", &place.join("target").to_string_lossy())
         .current_dir(&place)

@@ -34,7 +34,7 @@ use clap::ValueEnum;
 use crate::command::{BadInput, Task, root, target_directory};
 use crate::commit::Commit;
 use crate::cross::{self, Target};
-use crate::{debian, image, setup, sums};
+use crate::{debian, image, setup, sums, toolchain};
 use host::Programs;
 use image::Profile;
 use platform::{Builder, Platform};
@@ -65,6 +65,9 @@ pub struct Arguments {
     /// away.
     #[arg(long, conflicts_with = "check")]
     tried: bool,
+    /// Build with a version of Rust that is not the pinned one: what is made has other bytes.
+    #[arg(long)]
+    other_rust: bool,
     /// Make it a second time, from a clone of the commit in another directory, and compare.
     #[arg(long)]
     check: bool,
@@ -209,6 +212,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let wanted = chosen(&arguments.what, &arguments.leave_out);
     if wanted.is_empty() {
         bail!(BadInput("--leave-out: nothing is left to be made".into()));
+    }
+    toolchain::settle()?;
+    if let Some(notice) = toolchain::notice() {
+        if !arguments.tried && !arguments.other_rust {
+            bail!(BadInput(format!("{notice} --other-rust does with the one that is here.")));
+        }
+        println!("{notice}");
     }
     let commit = Commit::read()?;
     if commit.is_changed {

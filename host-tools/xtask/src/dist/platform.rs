@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use super::macos;
-use crate::command::{BadInput, Task, target_directory};
+use crate::command::{BadInput, LOCKED, Task, target_directory};
 use crate::commit::{self, Commit};
 use crate::cross::{self, Compiler};
 use crate::debian;
@@ -178,13 +178,13 @@ impl Builder {
         if self.profile == Profile::Dev {
             return tried("plumb");
         }
-        let build = ["--release", "--locked", "--package", "plumb"];
+        let build = ["--release", "--package", "plumb"];
         if self.platform.is_windows() {
             self.cargo(Compiled::Plumb)?.args(["build"]).args(build).run()?;
         } else {
             let zigbuild = Task::new(TOOLS.programs().join("cargo-zigbuild"));
             self.zig(self.with_environment(zigbuild, Compiled::Plumb)?)
-                .args(["zigbuild"])
+                .args(["zigbuild", LOCKED])
                 .args(build)
                 .args(["--target".to_owned(), self.linking_target()])
                 .run()?;
@@ -207,7 +207,7 @@ impl Builder {
             return tried(BOARD);
         }
         self.cargo(Compiled::Board)?
-            .args(["rustc", "--release", "--locked", "--package", BOARD, "--bin", BOARD])
+            .args(["rustc", "--release", "--package", BOARD, "--bin", BOARD])
             .args(["--", "-Ctarget-feature=+crt-static"])
             .run()?;
         let board = self.programs(Compiled::Board).join(BOARD);
@@ -221,7 +221,7 @@ impl Builder {
         let maturin = self.with_environment(maturin, Compiled::Wheel)?;
         let maturin = if self.platform.is_windows() { maturin } else { self.zig(maturin) };
         let maturin = maturin
-            .args(["build", "--release", "--locked", "--manifest-path"])
+            .args(["build", "--release", LOCKED, "--manifest-path"])
             .args(["host-tools/python/Cargo.toml", "--target", self.platform.triple(), "--out"])
             .args([out]);
         if self.platform.is_linux() {
@@ -256,7 +256,7 @@ impl Builder {
     fn cargo(&self, compiled: Compiled) -> Result<Task> {
         let task = match self.compiler {
             Compiler::Rustup => Task::cargo(),
-            Compiler::Debian => Task::new("/usr/bin/cargo"),
+            Compiler::Debian => Task::new("/usr/bin/cargo").args([LOCKED]),
         };
         self.with_environment(task, compiled)
     }

@@ -67,7 +67,7 @@ impl Contents {
     /// The crates of a program of the workspace, for a target.
     pub fn of_crates(package: &str, triple: &str, features: &[&str]) -> Result<Self> {
         let tree = Task::cargo()
-            .args(["tree", "--locked", "--package", package, "--target", triple])
+            .args(["tree", "--package", package, "--target", triple])
             .args(["--edges", "normal,no-proc-macro", "--prefix", "depth", "--format", " {p}|{l}"])
             .args(features.iter().flat_map(|feature| ["--features", feature]))
             .output()?;
