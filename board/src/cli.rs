@@ -20,7 +20,7 @@ use crate::source::rate::Rate;
 #[derive(Debug, Clone, Parser)]
 #[command(
     name = "plumbline-board",
-    version,
+    version = crate::VERSION,
     after_help = "\
 Examples:
   Track what the camera sees and send packets where the configuration says:

@@ -52,6 +52,9 @@ pub mod stored_file;
 pub mod trigger;
 pub mod update;
 
+/// Which program this is, as hosts are told it: its version and the commit that it was built from.
+pub const VERSION: &str = plumbline::program_version!();
+
 #[cfg(test)]
 mod test_config;
 #[cfg(test)]

@@ -6,7 +6,7 @@ draws the same prints at the same true poses; of the project's own renderer only
 parameters are used.
 
     python3 -m venv venv && venv/bin/pip install mitsuba
-    cargo build --release --package plumb
+    cargo build --release --locked --package plumb
     target/release/plumb simulate --lens none --frames 120 --out trial
     venv/bin/python host-tools/bench/mitsuba_scene.py trial trial-mitsuba
 
@@ -298,7 +298,7 @@ def find_plumb():
     built = Path(__file__).resolve().parents[2] / "target/release/plumb"
     found = built if built.exists() else shutil.which("plumb")
     if not found:
-        sys.exit("error: no program plumb; make it with `cargo build --release --package plumb`")
+        sys.exit("error: no program plumb; make it with `cargo build --release --locked --package plumb`")
     return found
 
 

@@ -123,7 +123,7 @@ pub fn file() -> PathBuf {
 }
 
 /// After a change of the format that was meant, the file is put right with
-/// `PLUMBLINE_WRITE_VECTORS=1 cargo test -p plumbline-tests --test link vectors`.
+/// `PLUMBLINE_WRITE_VECTORS=1 cargo test --locked -p plumbline-tests --test link vectors`.
 #[test]
 fn the_published_vectors_are_what_this_program_makes() {
     let made = serde_json::to_string_pretty(&vectors()).unwrap() + "\n";

@@ -395,7 +395,7 @@ fn hello(config: &Config, setup: &Setup) -> Hello {
     Hello {
         device: config.device.clone(),
         serial_number: config.serial_number.clone(),
-        firmware: concat!("plumbline ", env!("CARGO_PKG_VERSION")).try_into().unwrap_or_default(),
+        firmware: crate::VERSION.try_into().unwrap_or_default(),
         config_crc: config.crc(),
         boot_id: setup.links.start().get(),
         boot_count: setup.boot_count,

@@ -80,7 +80,8 @@ pub fn greet(link: &mut BoxLink, tell: &mut Tell<'_>) -> Result<Hello, BadInput>
 /// A box in a line.
 #[must_use]
 fn who(hello: &Hello) -> String {
-    format!("{}, {}, configuration {:08x}", others::name(hello), hello.firmware, hello.config_crc)
+    let Hello { firmware, config_crc, .. } = hello;
+    format!("{}, program {firmware}, configuration {config_crc:08x}", others::name(hello))
 }
 
 /// Sends a configuration, has the box keep it and, unless `restart` is false, restart with

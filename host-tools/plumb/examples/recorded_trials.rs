@@ -2,7 +2,7 @@
 //! `cargo xtask bench` measures the analyses on.
 //!
 //! ```sh
-//! cargo run --release --package plumb --example recorded_trials -- NEW_FOLDER
+//! cargo run --release --locked --package plumb --example recorded_trials -- NEW_FOLDER
 //! ```
 //!
 //! | there | what |

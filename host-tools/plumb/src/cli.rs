@@ -12,7 +12,12 @@ use crate::commands::{
 
 /// Measure how a standing person sways, from one camera and two printed targets.
 #[derive(Parser)]
-#[command(name = "plumb", version, arg_required_else_help = true, max_term_width = 100)]
+#[command(
+    name = "plumb",
+    version = plumbline::program_version!(),
+    arg_required_else_help = true,
+    max_term_width = 100
+)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,

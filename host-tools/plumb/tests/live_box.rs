@@ -292,7 +292,7 @@ fn a_live_box_takes_a_configuration_and_gives_it_back() {
     let bench = Bench::new(PAIR);
     let _running = bench.start(&board, true);
     let crc = format!("{:08x}", bench.config("box.plb").crc());
-    let met = format!("ward 3 (PL-0001), plumbline {}, configuration", env!("CARGO_PKG_VERSION"));
+    let met = format!("ward 3 (PL-0001), program {}+", env!("CARGO_PKG_VERSION"));
     bench.plumb("show --udp UDP --out shown").exits(0).says(&[&met, &crc, "written to shown/"]);
     let again = "provision --camera shown/camera.toml --targets shown/targets.toml \
                  --box shown/box.toml --out again.plb";
@@ -583,16 +583,16 @@ fn of_two_boxes_on_one_port_one_is_shown_and_the_other_named() {
     let _running = [bench.start(&board, false), beside.start(&board, false)];
     let said = bench.plumb("show --udp UDP").exits(0);
     let names = ["ward 3 (PL-0001)", "ward 3 (PL-0002)"];
-    let first = usize::from(!said.text.contains(&format!("{}, plumbline", names[0])));
+    let first = usize::from(!said.text.contains(&format!("{}, program", names[0])));
     let config = [&bench, &beside][first].config("box.plb");
-    let met = format!("{}, plumbline {}, configuration", names[first], env!("CARGO_PKG_VERSION"));
+    let met = format!("{}, program {}+", names[first], env!("CARGO_PKG_VERSION"));
     let number = ["PL-0001", "PL-0002"][1 - first];
     let others = format!("another box is heard: \"ward 3\" ({number}) (at 127.0.0.1:");
     let shown = format!("checksum {:08x}", config.crc());
     said.says(&[&met, &shown, &others, "--box-name chooses"]);
     // And the other one, by its number.
     let chosen = bench.plumb(&format!("show --udp UDP --box-name {number}")).exits(0);
-    chosen.says(&[&format!("{}, plumbline", names[1 - first])]);
+    chosen.says(&[&format!("{}, program", names[1 - first])]);
 }
 
 /// A box that refuses its configuration, until it has been sent a better one.

@@ -119,7 +119,7 @@ fn extension() -> &'static Path {
         }
         let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
         let mut cargo = Command::new(cargo);
-        cargo.args(["build", "--quiet", "--package", env!("CARGO_PKG_NAME"), "--lib"]);
+        cargo.args(["build", "--quiet", "--locked", "--package", env!("CARGO_PKG_NAME"), "--lib"]);
         cargo.arg("--message-format=json-render-diagnostics").current_dir(root());
         let output = cargo.stdin(Stdio::null()).stderr(Stdio::inherit()).output().unwrap();
         assert!(output.status.success(), "{cargo:?}");

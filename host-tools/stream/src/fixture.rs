@@ -109,7 +109,7 @@ pub fn hello(config: &Config) -> Hello {
     Hello {
         device: "ward 3".try_into().unwrap(),
         serial_number: "PL-0001".try_into().unwrap(),
-        firmware: concat!("plumbline ", env!("CARGO_PKG_VERSION")).try_into().unwrap(),
+        firmware: concat!(env!("CARGO_PKG_VERSION"), "+5e6f7a8b").try_into().unwrap(),
         config_crc: config.crc(),
         boot_id: START,
         boot_count: Some(3),

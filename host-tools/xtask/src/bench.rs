@@ -18,7 +18,7 @@ use crate::command::{Task, root, target_directory};
 use crate::generated::Part;
 use crate::image::{self, DebianRoot};
 use crate::tests::boot_with_camera;
-use crate::{instructions, setup};
+use crate::{instructions, setup, toolchain};
 
 mod boards;
 mod calibration;
@@ -60,6 +60,7 @@ pub struct Arguments {
 
 /// Measures, prints the tables, and puts them into README.md if asked.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    toolchain::settle()?;
     if arguments.boards_only {
         println!("\n{}", boards::table(arguments.boards, arguments.seed)?.trim_end());
         return Ok(());
@@ -86,7 +87,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn count_instructions(directory: &Path) -> Result<Figures> {
     setup::ensure(&[setup::QEMU_SYSTEM])?;
     render(directory, instructions::FRAMES, &[])?;
-    let debian = DebianRoot::fetch()?;
+    let debian = DebianRoot::for_checks()?;
     let figures = figures_of(|each_line| instructions::count(&debian, directory, each_line))?;
     let thousands = |run: &str| anyhow::Ok(get(&figures, run)?.parse::<f64>()?);
     let (sealing, tracking) = (thousands("sealing_median_us")?, thousands("tracking_median_us")?);

@@ -50,6 +50,10 @@ pub fn unpacked_programs() -> PathBuf {
     unpacked().join("bin")
 }
 
+/// Has cargo take the versions in Cargo.lock, or fail. A subcommand that is a program of its own, such as
+/// clippy, is not told of it, and needs it among its own arguments.
+pub const LOCKED: &str = "--locked";
+
 /// A program with its arguments, run in the root of the checkout.
 pub struct Task {
     command: Command,
@@ -73,14 +77,14 @@ impl Task {
 
     /// The cargo that runs this program, as if it were started by hand: without what it has said of this
     /// package, since some build scripts look at such variables, and all that uses what they build would be
-    /// compiled again.
+    /// compiled again. It takes the versions in Cargo.lock, or fails.
     pub fn cargo() -> Self {
         let mut task = Self::new(env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")));
         task.line = "cargo".into();
         for (name, _) in env::vars_os().filter(|(name, _)| is_of_this_package(name)) {
             task.command.env_remove(name);
         }
-        task
+        task.args([LOCKED])
     }
 
     /// Adds arguments.

@@ -13,6 +13,9 @@ use crate::generated::Part;
 /// The crate that the tests of every crate may use; it depends on no other crate itself.
 const TEST_SUPPORT: &str = "plumbline-test-support";
 
+/// The crate that host and box share besides the core; it depends on no other crate itself.
+const SHARED: &str = "plumbline-update";
+
 /// A package of the workspace.
 #[derive(Debug)]
 struct Package {
@@ -103,22 +106,23 @@ fn faults(
             };
         let lies_in = |used: &str, folder: &str| packages[used].directory.starts_with(folder);
         match package.directory.split('/').next().unwrap_or_default() {
-            // Neither the core nor its tests depend on the workspace.
-            "" => {
+            // Neither what both sides share depends on the workspace, nor its tests.
+            place if place.is_empty() || name == SHARED => {
                 forbid(&package.uses, "must not", &|_| true);
-                forbid(&package.tests_use, "its tests must not", &|_| true);
+                // With features that only its tests need, a crate may use itself.
+                forbid(&package.tests_use, "its tests must not", &|used| used != name);
             }
             // The tests of the whole workspace may use everything.
             "tests" => {}
-            // Host and box share only the core; a crate's own tests may not cross that line either.
+            // A crate's own tests may not cross the line between host and box either.
             place => {
                 let other = if place == "board" { "host-tools" } else { "board" };
-                forbid(&package.uses, "must not", &|used| {
-                    lies_in(used, other) || lies_in(used, "tests") && used != TEST_SUPPORT
-                });
-                forbid(&package.tests_use, "its tests must not", &|used| {
-                    lies_in(used, other) || lies_in(used, "tests") && used != TEST_SUPPORT
-                });
+                let is_forbidden = |used: &str| match used {
+                    SHARED | TEST_SUPPORT => false,
+                    _ => lies_in(used, other) || lies_in(used, "tests"),
+                };
+                forbid(&package.uses, "must not", &is_forbidden);
+                forbid(&package.tests_use, "its tests must not", &is_forbidden);
             }
         }
     }
@@ -141,6 +145,7 @@ fn wrong_rows_and_wrong_arrows_are_found() {
     let packages = |core: &[&str], box_tests: &[&str], host: &[&str]| {
         BTreeMap::from([
             ("core".to_owned(), package("", core, &[])),
+            (SHARED.to_owned(), package("board/update", &[], &[])),
             ("box".to_owned(), package("board", &["core"], box_tests)),
             ("host".to_owned(), package("host-tools/host", host, &[])),
             ("whole".to_owned(), package("tests", &["box", "core", "host"], &[])),
@@ -149,24 +154,25 @@ fn wrong_rows_and_wrong_arrows_are_found() {
     };
     let table = "| crate | what | uses |\n|---|---|---|\n\
                  | `core` | it | nothing |\n\
+                 | `plumbline-update` | updates | nothing |\n\
                  | `box` | it | `core` |\n\
-                 | `host` | it | `core` |\n\
+                 | `host` | it | `core` `plumbline-update` |\n\
                  | `whole` | tests | `box` `core` `host` |\n\
                  | `plumbline-test-support` | helpers | nothing |";
     let all = rows(table).unwrap();
-    assert_eq!(faults(&all, &packages(&[], &[TEST_SUPPORT], &["core"])), [""; 0]);
+    assert_eq!(faults(&all, &packages(&[], &[TEST_SUPPORT], &["core", SHARED])), [""; 0]);
     let wrong = faults(&all, &packages(&["box"], &["host"], &["box"]));
     for part in [
         "core: the row has {}, its Cargo.toml {\"box\"}",
         "core: must not use box",
         "box: its tests must not use host",
         "host: must not use box",
-        "host: the row has {\"core\"}, its Cargo.toml {\"box\"}",
+        "host: the row has {\"core\", \"plumbline-update\"}, its Cargo.toml {\"box\"}",
     ] {
         assert!(wrong.iter().any(|fault| fault == part), "{part}: {wrong:?}");
     }
     assert_eq!(wrong.len(), 5, "{wrong:?}");
-    let fewer = rows(&table.replace("| `host` | it | `core` |\n", "")).unwrap();
+    let fewer = rows(&table.replace("| `host` | it | `core` `plumbline-update` |\n", "")).unwrap();
     let wrong = faults(&fewer, &packages(&[], &[], &["core"]));
     assert_eq!(wrong, ["host: no row; it uses {\"core\"}"]);
     assert!(rows(&format!("{table}\n| `core` | again | nothing |")).is_err());

@@ -15,7 +15,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use plumbline_test_support::RUNNER;
 
-use crate::command::{Task, root, target_directory};
+use crate::command::{LOCKED, Task, root, target_directory};
 use crate::setup::{self, Need, Probe};
 
 /// A kind of ARM processor that runs Linux programs.
@@ -46,7 +46,7 @@ impl Target {
 
     const fn linker(self) -> &'static str {
         match self {
-            Self::Aarch64 => "aarch64-linux-gnu-gcc",
+            Self::Aarch64 => AARCH64_GCC,
             Self::Armv7 => "arm-linux-gnueabihf-gcc",
         }
     }
@@ -99,10 +99,13 @@ pub const BUILT_LIBRARY: &[Need] = &[
     },
 ];
 
-/// Links for 64-bit ARM.
+/// What links programs for 64-bit ARM.
+pub const AARCH64_GCC: &str = "aarch64-linux-gnu-gcc";
+
+/// What linking for 64-bit ARM needs.
 pub const AARCH64_LINKING: &[Need] = &[
     Need {
-        probe: Probe::Program("aarch64-linux-gnu-gcc"),
+        probe: Probe::Program(AARCH64_GCC),
         package: "gcc-aarch64-linux-gnu",
         why: "links programs for 64-bit ARM",
     },
@@ -218,7 +221,8 @@ impl Compiler {
             Self::Rustup => Task::cargo(),
             Self::Debian => Self::environment(built)
                 .into_iter()
-                .fold(Task::new("/usr/bin/cargo"), |task, (name, value)| task.env(name, value)),
+                .fold(Task::new("/usr/bin/cargo"), |task, (name, value)| task.env(name, value))
+                .args([LOCKED]),
         }
     }
 
@@ -325,6 +329,11 @@ impl Toolchain {
     /// The program that runs programs of the target on this machine.
     pub const fn emulator(&self) -> &'static str {
         self.target.emulator()
+    }
+
+    /// The version of the compiler and of its standard library.
+    pub fn compiler_version(&self) -> Result<String> {
+        self.compiler.version()
     }
 
     /// A run of a program under QEMU.

@@ -20,7 +20,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     setup::ensure(&[setup::LINKER, setup::VIDEO])?;
     // `plumb demo` starts the box's program, which lies in the same directory.
     let packages = ["--package", "plumb", "--package", "plumbline-board"];
-    Task::cargo().args(["build", "--release", "--locked"]).args(packages).run()?;
+    Task::cargo().args(["build", "--release"]).args(packages).run()?;
     // Not by `cargo run`: for one package alone, cargo compiles crates with other features, anew.
     let plumb = target_directory().join("release/plumb");
     Task::new(plumb).args(["demo"]).args(&arguments.passed_on).run()

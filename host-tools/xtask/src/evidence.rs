@@ -16,7 +16,8 @@ use std::{env, fs};
 use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
 
-use crate::command::{Task, root};
+use crate::command::Task;
+use crate::commit::Commit;
 use crate::generated::Part;
 
 /// The page.
@@ -70,7 +71,7 @@ impl What {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let all = What::value_variants();
     let what = if arguments.what.is_empty() { all } else { &arguments.what };
-    let (commit, machine) = (commit()?, machine());
+    let (commit, machine) = (Commit::read()?.mark(), machine());
     for what in what {
         let words = what.words(arguments.minutes);
         let began = Instant::now();
@@ -127,11 +128,6 @@ fn section(
         let _ = writeln!(text, "{row}");
     }
     text.trim_end().to_owned()
-}
-
-fn commit() -> Result<String> {
-    let describe = ["describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"];
-    Ok(Task::new("git").args(describe).current_dir(root()).output()?.trim().to_owned())
 }
 
 fn today() -> Result<String> {

@@ -3,6 +3,7 @@
 //! | task | does |
 //! |---|---|
 //! | `demo` | builds the release programs and runs `plumb demo` |
+//! | `deny` | checks the dependencies: licences, known flaws, sources |
 //! | `test` | formatting, lints, build, tests, and the proof that the core needs no heap |
 //! | `image` | makes what a box boots from: for QEMU, an SD card, a Debian package |
 //! | `dist` | makes what people download: programs, packages, wheels, images |
@@ -19,11 +20,13 @@ mod bare_metal;
 mod bench;
 mod beside;
 mod command;
+mod commit;
 #[cfg(test)]
 mod crates;
 mod cross;
 mod debian;
 mod demo;
+mod deny;
 mod dist;
 mod evidence;
 mod fuzz;
@@ -34,7 +37,9 @@ mod python;
 mod setup;
 mod stack;
 mod suite;
+mod sums;
 mod tests;
+mod toolchain;
 
 use std::process::ExitCode;
 
@@ -60,6 +65,9 @@ enum Task {
     /// Check everything: rustfmt, clippy with warnings as errors, build, all
     /// tests, and that the core links without an allocator.
     Test(tests::Arguments),
+    /// Check the crates that are used: their licences, known flaws, where they come from. `test` does
+    /// this too.
+    Deny(deny::Arguments),
     /// Make what a box boots from: for QEMU, an SD card, or a Debian package.
     Image(image::Arguments),
     /// Make what people download: programs for each platform, Debian packages, wheels, the box's
@@ -79,6 +87,7 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().task {
         Task::Demo(arguments) => demo::run(&arguments),
         Task::Test(arguments) => tests::run(&arguments),
+        Task::Deny(arguments) => deny::run(&arguments),
         Task::Image(arguments) => image::run(&arguments),
         Task::Dist(arguments) => dist::run(&arguments),
         Task::Bench(arguments) => bench::run(&arguments),

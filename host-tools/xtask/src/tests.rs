@@ -14,12 +14,12 @@ use plumbline_test_support::{
 };
 
 use crate::bare_metal::Document;
-use crate::command::{BadInput, Task, target_directory};
+use crate::command::{BadInput, LOCKED, Task, target_directory};
 use crate::cross::{Linking, Target};
 use crate::image::DebianRoot;
 use crate::python::{READERS, SPARK};
 use crate::suite::Suite;
-use crate::{agreement, bare, bare_metal, dist, image, setup};
+use crate::{agreement, bare, bare_metal, deny, dist, image, setup, toolchain};
 
 mod ahead;
 mod journal;
@@ -50,11 +50,11 @@ const IMAGES: &str = "PLUMBLINE_IMAGES";
 /// One way to run the checks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Part {
-    /// For daily work: rustfmt, clippy, and the tests on this machine, without those that render
+    /// For daily work: rustfmt, clippy, the dependencies, and the tests on this machine, without those that render
     /// or photograph many pictures, start the box's program, or open a browser; without the tests
     /// in the documentation, other processors and images.
     Quick,
-    /// On this machine: rustfmt, clippy, build, all tests.
+    /// On this machine: rustfmt, clippy, the dependencies, build, all tests.
     Native,
     /// The tests of what ships on 64-bit ARM, the core and the box's program, built for it and run
     /// under QEMU; and one recording whose poses agree with this machine's.
@@ -204,6 +204,7 @@ impl Arguments {
 
 /// Runs the parts and prints a summary.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    toolchain::settle()?;
     let parts =
         if arguments.parts.is_empty() { &Part::EVERYTHING[..] } else { &arguments.parts[..] };
     for (is_given, option, part, why) in [
@@ -233,6 +234,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         journal.part = part.word();
         part.run(&mut journal, arguments)?;
     }
+    journal.notices.extend(toolchain::notice());
+    if [Part::Arm, Part::Boot].iter().any(|part| parts.contains(part)) {
+        journal.notices.extend(DebianRoot::notice()?);
+    }
     journal.close()
 }
 
@@ -241,6 +246,7 @@ const QUICK: &[&str] = &["--workspace", "--lib", "--bins", "--test", "published"
 
 fn quick(journal: &mut Journal) {
     format_and_lint(journal);
+    dependencies(journal);
     let Some(recordings) = recordings(journal) else { return };
     let cargo = || Task::cargo().env(RECORDINGS, &recordings.to_string_lossy());
     let suite =
@@ -251,12 +257,22 @@ fn quick(journal: &mut Journal) {
 fn format_and_lint(journal: &mut Journal) {
     journal.check("format", || Task::cargo().args(["fmt", "--all", "--check"]).run());
     journal.check("lint", || {
-        let lint = ["clippy", "--workspace", "--all-targets", "--", "--deny", "warnings"];
+        let lint = ["clippy", LOCKED, "--workspace", "--all-targets", "--", "--deny", "warnings"];
         Task::cargo().args(lint).run()?;
         // "All targets" are those that `cargo test` runs; these are separate.
-        let lint = ["clippy", "--workspace", "--test", "boot", "--test", "dist", "--"];
+        let lint = ["clippy", LOCKED, "--workspace", "--test", "boot", "--test", "dist", "--"];
         Task::cargo().args(lint).args(["--deny", "warnings"]).run()
     });
+}
+
+/// Checks the crates that are used.
+fn dependencies(journal: &mut Journal) {
+    let mut notices = Vec::new();
+    journal.check("dependencies", || {
+        notices = deny::check()?;
+        Ok(())
+    });
+    journal.notices.append(&mut notices);
 }
 
 /// Renders the recordings that the tests read, on this machine; returns their directory.
@@ -276,6 +292,7 @@ fn native(journal: &mut Journal) {
     // A download, in parallel with compiling.
     let python = thread::spawn(|| READERS.prepare());
     format_and_lint(journal);
+    dependencies(journal);
     // With all targets, although the tests come later: otherwise dependencies would be rebuilt for
     // the tests, with the features that these request.
     let build = ["build", "--workspace", "--all-targets"];
@@ -327,7 +344,7 @@ const SHIPPED: &[&str] = &[
 fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     let toolchain = Target::Aarch64.toolchain()?;
     let Some(recordings) = recordings(journal) else { return Ok(()) };
-    let debian = DebianRoot::fetch()?;
+    let debian = DebianRoot::for_checks()?;
     let linking = Linking::Root(debian.path());
     let programs = toolchain.programs(linking, "debug");
     let has_readers =

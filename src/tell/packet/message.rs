@@ -54,7 +54,8 @@ pub struct Hello {
     pub device: String<DEVICE_TEXT_BYTES_MAX>,
     /// The box's serial number.
     pub serial_number: String<DEVICE_TEXT_BYTES_MAX>,
-    /// Version of the box's program.
+    /// Version of the box's program, and the commit that it was built from: a
+    /// [`ProgramVersion`](super::ProgramVersion). Until there was one it was `plumbline 0.1.0`.
     pub firmware: String<DEVICE_TEXT_BYTES_MAX>,
     /// [`Config::crc`](crate::model::config::Config::crc) of the configuration in use.
     pub config_crc: u32,

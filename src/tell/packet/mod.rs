@@ -46,6 +46,7 @@ mod framing;
 mod from_report;
 mod message;
 mod pose;
+mod program;
 mod view;
 
 use core::num::NonZeroU32;
@@ -70,6 +71,7 @@ pub use pose::{
     AnatomicalPoint, CORRELATIONS, MarkedInstant, MeasuredPose, POSITION_MM_MAX, PosePacket,
     RMS_STEP_PX, SD_STEP_MM, TargetPacket,
 };
+pub use program::ProgramVersion;
 pub use view::View;
 
 use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGETS_MAX};

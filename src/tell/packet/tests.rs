@@ -521,6 +521,24 @@ fn numbers_that_no_room_holds_do_not_arrive() {
 }
 
 #[test]
+fn a_program_says_its_version_and_its_commit() {
+    for (version, commit, text) in [
+        ("0.1.0", Some("1a2b3c4d"), "0.1.0+1a2b3c4d"),
+        ("0.10.12", Some("1a2b3c4d.changed"), "0.10.12+1a2b3c4d.changed"),
+        ("0.1.0", Some(""), "0.1.0+dev"),
+        ("0.1.0", None, "0.1.0+dev"),
+    ] {
+        assert_eq!(ProgramVersion::new(version, commit).as_str(), text);
+    }
+    let own = crate::program_version!();
+    assert!(own.starts_with(concat!(env!("CARGO_PKG_VERSION"), "+")), "{own}");
+    assert!(
+        std::panic::catch_unwind(|| ProgramVersion::new("0.10.123", Some("1a2b3c4d.changed")))
+            .is_err()
+    );
+}
+
+#[test]
 fn a_packet_says_which_start_of_a_box_it_is_of() {
     let packet_of = |start: u32, message: &Message| {
         let sent = datagram(message);

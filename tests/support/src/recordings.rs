@@ -100,7 +100,7 @@ pub fn program(name: &str) -> Result<PathBuf, String> {
         return Ok(Path::new(&directory).join(name));
     }
     let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    cargo.args(["build", "--quiet", "--package", name, "--bin", name]);
+    cargo.args(["build", "--quiet", "--locked", "--package", name, "--bin", name]);
     cargo.arg("--message-format=json-render-diagnostics");
     let messages = run(cargo)?;
     let executable = messages

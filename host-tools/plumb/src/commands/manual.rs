@@ -42,6 +42,8 @@ pub fn run(arguments: &Arguments, mut command: Command) -> anyhow::Result<()> {
         clap_complete::generate(shell, &mut command, "plumb", &mut text);
         files.push((Path::new("completions").join(name), text));
     }
+    // The pages of a release are the same whichever of its programs has written them.
+    command = command.version(env!("CARGO_PKG_VERSION"));
     command.build();
     pages(&command, &mut files)?;
     for (name, _) in &mut files {

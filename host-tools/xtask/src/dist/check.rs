@@ -5,9 +5,10 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 
-use super::commit::Commit;
-use super::{platform, sums};
+use super::platform;
 use crate::command::{Task, root};
+use crate::commit::Commit;
+use crate::{sums, toolchain};
 
 /// The directory of the second checkout; its name has another length than that of any checkout here.
 const ELSEWHERE: &str = "checked-out-elsewhere";
@@ -24,8 +25,9 @@ pub fn again(what: &[String], out: &Path, commit: &Commit) -> Result<()> {
     let checkout = ["checkout", "--quiet", "--detach", &commit.id];
     Task::new("git").args(checkout).current_dir(&place).run()?;
     Task::cargo()
-        .args(["run", "--quiet", "--locked", "--package", "xtask", "--", "dist"])
+        .args(["run", "--quiet", "--package", "xtask", "--", "dist"])
         .args(what)
+        .args((!toolchain::is_pinned()).then_some("--other-rust"))
         .args(["--out".as_ref(), second.as_os_str()])
         .env("CARGO_TARGET_DIR", &place.join("target").to_string_lossy())
         .current_dir(&place)

@@ -7,11 +7,11 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use flate2::{Compression, GzBuilder};
 
-use super::commit::Commit;
 use super::host::Programs;
 use super::platform::{Builder, work};
 use super::tree::Tree;
 use crate::command::root;
+use crate::commit::Commit;
 use crate::debian;
 
 /// The name of the package's file.

@@ -13,7 +13,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-use super::platform::{Builder, Platform};
+use super::linked;
+use super::platform::{Builder, MINGW_GCC, Platform};
 use super::sbom::Contents;
 use super::tree::Tree;
 use crate::command::{Task, root};
@@ -35,11 +36,14 @@ impl Programs {
         let mut tree = Tree::default();
         let plumb = builder.plumb()?;
         let bytes = fs::read(&plumb).with_context(|| plumb.display().to_string())?;
-        let mut contents = Contents::of_crates("plumb", platform.triple(), &[])?
+        let contents = Contents::of_crates("plumb", platform.triple(), &[])?
             .with_standard_library(&builder.compiler_version()?);
+        let mut contents = linked::with_page(contents)?;
         if platform.is_windows() {
             tree.program("plumb.exe", bytes);
             tree.copy("_plumb.ps1", &manual.join("completions/_plumb.ps1"))?;
+            let libraries = ["libmingw32.a", "libgcc.a"];
+            contents = contents.with_linked(&linked::packages(MINGW_GCC, &libraries)?);
         } else {
             tree.program("bin/plumb", bytes);
             add_manual(&mut tree, manual)?;
@@ -50,6 +54,8 @@ impl Programs {
             tree.program("lib/plumb/plumbline-board", board);
             contents =
                 contents.and(Contents::of_crates("plumbline-board", platform.triple(), &[])?);
+            let libraries = ["libc.a", "libgcc.a"];
+            contents = contents.with_linked(&linked::packages(platform.gcc(), &libraries)?);
         }
         Ok(Self { tree, plumb, contents })
     }

@@ -8,18 +8,18 @@
 //! all of these ─▶ NAME.cdx.json, SHA256SUMS
 //! ```
 //!
-//! The same commit gives the same bytes, wherever it is built, by the same compilers and from the same
-//! Debian packages: every date is the commit's, and no path, name or time of this computer is in them.
+//! The same commit gives the same bytes, wherever it is built, by the same compilers: Debian's packages
+//! are those of a lock file, every date is the commit's, and no path, name or time of this computer is
+//! in them.
 //! `--check` proves it.
 
 mod check;
-mod commit;
 mod deb;
 mod host;
+mod linked;
 mod macos;
 mod platform;
 mod sbom;
-mod sums;
 mod tree;
 mod used;
 
@@ -32,8 +32,9 @@ use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 
 use crate::command::{BadInput, Task, root, target_directory};
-use crate::{debian, image, setup};
-use commit::Commit;
+use crate::commit::Commit;
+use crate::cross::{self, Target};
+use crate::{debian, image, setup, sums, toolchain};
 use host::Programs;
 use image::Profile;
 use platform::{Builder, Platform};
@@ -64,6 +65,9 @@ pub struct Arguments {
     /// away.
     #[arg(long, conflicts_with = "check")]
     tried: bool,
+    /// Build with a version of Rust that is not the pinned one: what is made has other bytes.
+    #[arg(long)]
+    other_rust: bool,
     /// Make it a second time, from a clone of the commit in another directory, and compare.
     #[arg(long)]
     check: bool,
@@ -209,6 +213,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if wanted.is_empty() {
         bail!(BadInput("--leave-out: nothing is left to be made".into()));
     }
+    toolchain::settle()?;
+    if let Some(notice) = toolchain::notice() {
+        if !arguments.tried && !arguments.other_rust {
+            bail!(BadInput(format!("{notice} --other-rust does with the one that is here.")));
+        }
+        println!("{notice}");
+    }
     let commit = Commit::read()?;
     if commit.is_changed {
         if arguments.check {
@@ -339,12 +350,10 @@ impl Making<'_> {
     }
 
     fn make_for_box(&self, what: What) -> Result<String> {
-        let triple = Platform::LinuxAarch64.triple();
         if what == What::BoxDeb {
             let name = format!("plumbline-board_{}_arm64.deb", debian::VERSION);
             image::make_deb(&self.out.join(&name))?;
-            let contents = Contents::of_crates("plumbline-board", triple, &["libcamera"])?;
-            self.list(&name, &contents)?;
+            self.list(&name, &Self::contents_for_box(&["libcamera"])?)?;
             return Ok(name);
         }
         let name = format!("plumbline-box-{}-rpi4.img.xz", debian::VERSION);
@@ -355,12 +364,17 @@ impl Making<'_> {
         let packed = Task::new("xz").args(["--threads=1", "--stdout", "-6"]).args([&card]);
         fs::write(self.out.join(&name), packed.output_bytes()?)?;
         fs::remove_file(&card)?;
-        let contents = Contents::of_crates("plumbline-board", triple, &[])?;
-        let with = |contents: Contents, (name, version): &(String, String)| {
-            contents.with_debian_package(name, version)
-        };
-        self.list(&name, &packages.iter().fold(contents, with))?;
+        self.list(&name, &Self::contents_for_box(&[])?.with_debian_packages(&packages))?;
         Ok(name)
+    }
+
+    /// What is in the box's program.
+    fn contents_for_box(features: &[&str]) -> Result<Contents> {
+        let triple = Platform::LinuxAarch64.triple();
+        let library = linked::packages(cross::AARCH64_GCC, &["libgcc.a"])?;
+        let contents = Contents::of_crates("plumbline-board", triple, features)?;
+        let version = Target::Aarch64.toolchain()?.compiler_version()?;
+        Ok(contents.with_standard_library(&version).with_linked(&library))
     }
 
     /// The directory with the pages and completions, written by the program of this computer.

@@ -12,9 +12,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
-use super::commit::Commit;
 use super::macos;
-use crate::command::{BadInput, Task, target_directory};
+use crate::command::{BadInput, LOCKED, Task, target_directory};
+use crate::commit::{self, Commit};
 use crate::cross::{self, Compiler};
 use crate::debian;
 use crate::image::Profile;
@@ -85,6 +85,14 @@ impl Platform {
         matches!(self, Self::WindowsX86_64)
     }
 
+    /// What links the box's program, which has its C library in itself.
+    pub const fn gcc(self) -> &'static str {
+        match self {
+            Self::LinuxAarch64 => cross::AARCH64_GCC,
+            _ => "cc",
+        }
+    }
+
     /// Whether its programs run on this computer.
     pub fn is_here(self) -> bool {
         self.is_linux() && self.triple().starts_with(env::consts::ARCH)
@@ -128,12 +136,15 @@ impl Platform {
         }
         let compiler = Compiler::of(self.triple(), needs)?;
         let built = if compiler == Compiler::Debian { built } else { None };
-        Ok(Builder { platform: self, profile, compiler, built, epoch: commit.epoch() })
+        Ok(Builder { platform: self, profile, compiler, built, commit: commit.clone() })
     }
 }
 
+/// What links programs for Windows.
+pub const MINGW_GCC: &str = "x86_64-w64-mingw32-gcc";
+
 const MINGW: &[Need] = &[Need {
-    probe: Probe::Program("x86_64-w64-mingw32-gcc"),
+    probe: Probe::Program(MINGW_GCC),
     package: "gcc-mingw-w64-x86-64",
     why: "links programs for Windows",
 }];
@@ -158,7 +169,7 @@ pub struct Builder {
     compiler: Compiler,
     /// The parts of the standard library that are built.
     built: Option<&'static str>,
-    epoch: String,
+    commit: Commit,
 }
 
 impl Builder {
@@ -167,18 +178,19 @@ impl Builder {
         if self.profile == Profile::Dev {
             return tried("plumb");
         }
-        let build = ["--release", "--locked", "--package", "plumb"];
+        let build = ["--release", "--package", "plumb"];
         if self.platform.is_windows() {
             self.cargo(Compiled::Plumb)?.args(["build"]).args(build).run()?;
         } else {
             let zigbuild = Task::new(TOOLS.programs().join("cargo-zigbuild"));
             self.zig(self.with_environment(zigbuild, Compiled::Plumb)?)
-                .args(["zigbuild"])
+                .args(["zigbuild", LOCKED])
                 .args(build)
                 .args(["--target".to_owned(), self.linking_target()])
                 .run()?;
         }
         let plumb = self.programs(Compiled::Plumb).join(self.platform.program("plumb"));
+        self.commit.ensure_said_by(&plumb)?;
         if self.platform.is_linux() {
             let newest = debian::newest_c_library(&plumb)?;
             let plumb = plumb.display();
@@ -195,10 +207,12 @@ impl Builder {
             return tried(BOARD);
         }
         self.cargo(Compiled::Board)?
-            .args(["rustc", "--release", "--locked", "--package", BOARD, "--bin", BOARD])
+            .args(["rustc", "--release", "--package", BOARD, "--bin", BOARD])
             .args(["--", "-Ctarget-feature=+crt-static"])
             .run()?;
-        Ok(self.programs(Compiled::Board).join(BOARD))
+        let board = self.programs(Compiled::Board).join(BOARD);
+        self.commit.ensure_said_by(&board)?;
+        Ok(board)
     }
 
     /// Builds the Python package into a directory.
@@ -207,7 +221,7 @@ impl Builder {
         let maturin = self.with_environment(maturin, Compiled::Wheel)?;
         let maturin = if self.platform.is_windows() { maturin } else { self.zig(maturin) };
         let maturin = maturin
-            .args(["build", "--release", "--locked", "--manifest-path"])
+            .args(["build", "--release", LOCKED, "--manifest-path"])
             .args(["host-tools/python/Cargo.toml", "--target", self.platform.triple(), "--out"])
             .args([out]);
         if self.platform.is_linux() {
@@ -242,7 +256,7 @@ impl Builder {
     fn cargo(&self, compiled: Compiled) -> Result<Task> {
         let task = match self.compiler {
             Compiler::Rustup => Task::cargo(),
-            Compiler::Debian => Task::new("/usr/bin/cargo"),
+            Compiler::Debian => Task::new("/usr/bin/cargo").args([LOCKED]),
         };
         self.with_environment(task, compiled)
     }
@@ -278,7 +292,8 @@ impl Builder {
         let mut environment: Vec<(String, String)> = vec![
             ("CARGO_BUILD_TARGET".into(), triple.into()),
             ("CARGO_TARGET_DIR".into(), directory.display().to_string()),
-            ("SOURCE_DATE_EPOCH".into(), self.epoch.clone()),
+            ("SOURCE_DATE_EPOCH".into(), self.commit.epoch()),
+            (commit::VARIABLE.into(), self.commit.mark()),
             // What a debugger wants is not shipped.
             ("CARGO_PROFILE_RELEASE_DEBUG".into(), "0".into()),
             ("CARGO_PROFILE_RELEASE_STRIP".into(), stripped.into()),
@@ -291,7 +306,7 @@ impl Builder {
             }
             // What links with zig would take a linker that is named here instead.
             Platform::LinuxAarch64 if compiled == Compiled::Board => {
-                environment.push((format!("{own}_LINKER"), "aarch64-linux-gnu-gcc".into()));
+                environment.push((format!("{own}_LINKER"), cross::AARCH64_GCC.into()));
             }
             Platform::MacosAarch64 | Platform::MacosX86_64 => {
                 flags += &macos::flags(&work().join("frameworks"))?;

@@ -2,7 +2,9 @@
 //! where, by which licence, and what uses what.
 //!
 //! The crates are those that cargo links into the program for its target, without what only builds or
-//! tests it; of each the checksum of the registry. The same deliverable gives the same list.
+//! tests it; of each the checksum of the registry. Debian packages are those of which files are on the
+//! card, or of which the linker took parts; of each the version and the checksum. The same deliverable
+//! gives the same list.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -20,18 +22,20 @@ use cyclonedx_bom::prelude::{
 };
 use toml::{Table, Value};
 
-use super::commit::Commit;
-use super::sums::sha256;
+use super::linked::Installed;
 use crate::command::{Task, root};
+use crate::commit::Commit;
+use crate::image::Package;
+use crate::sums::sha256;
 
 /// What is in a deliverable.
-#[derive(Debug, Default, Clone)]
+#[derive(Debug, Default, Clone, PartialEq, Eq)]
 pub struct Contents {
     parts: BTreeMap<String, Part>,
     uses: BTreeMap<String, BTreeSet<String>>,
 }
 
-/// A component: a crate, a Debian package, the standard library.
+/// A component: a crate, a Debian package, a package of npm, the standard library.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Part {
     kind: &'static str,
@@ -47,13 +51,23 @@ impl Part {
         let version = self.version.replace('+', "%2B").replace(':', "%3A");
         format!("pkg:{}/{}@{version}", self.kind, self.name)
     }
+
+    /// What it is in the system.
+    fn class(&self) -> Classification {
+        match self.name.strip_prefix("debian/") {
+            Some(name) if name.starts_with("linux-image-") => Classification::OperatingSystem,
+            Some("raspi-firmware") => Classification::Firmware,
+            Some("busybox-static") => Classification::Application,
+            _ => Classification::Library,
+        }
+    }
 }
 
 impl Contents {
     /// The crates of a program of the workspace, for a target.
     pub fn of_crates(package: &str, triple: &str, features: &[&str]) -> Result<Self> {
         let tree = Task::cargo()
-            .args(["tree", "--locked", "--package", package, "--target", triple])
+            .args(["tree", "--package", package, "--target", triple])
             .args(["--edges", "normal,no-proc-macro", "--prefix", "depth", "--format", " {p}|{l}"])
             .args(features.iter().flat_map(|feature| ["--features", feature]))
             .output()?;
@@ -102,14 +116,39 @@ impl Contents {
         self
     }
 
-    /// Adds a Debian package.
-    pub fn with_debian_package(mut self, name: &str, version: &str) -> Self {
+    /// Adds Debian packages of which parts are in it.
+    pub fn with_debian_packages(self, packages: &[Package]) -> Self {
+        packages.iter().fold(self, |contents, package| {
+            contents.with_debian(&package.name, &package.version, Some(package.sha256.clone()))
+        })
+    }
+
+    /// Adds Debian packages of this computer, of which the linker took parts.
+    pub fn with_linked(self, packages: &[Installed]) -> Self {
+        packages.iter().fold(self, |contents, package| {
+            contents.with_debian(&package.name, &package.version, package.sha256.clone())
+        })
+    }
+
+    fn with_debian(mut self, name: &str, version: &str, sha256: Option<String>) -> Self {
         self.add(Part {
             kind: "deb",
             name: format!("debian/{name}"),
             version: version.to_owned(),
             licence: None,
-            sha256: None,
+            sha256,
+        });
+        self
+    }
+
+    /// Adds a file of a package of npm.
+    pub fn with_npm_package(mut self, name: &str, version: &str, licence: &str, sum: &str) -> Self {
+        self.add(Part {
+            kind: "npm",
+            name: name.to_owned(),
+            version: version.to_owned(),
+            licence: Some(licence.to_owned()),
+            sha256: Some(sum.to_owned()),
         });
         self
     }
@@ -143,8 +182,8 @@ impl Contents {
         own.licenses = Some(licences("MIT OR Apache-2.0"));
         let mut components = Vec::new();
         for (reference, part) in &self.parts {
-            let kind = Classification::Library;
-            let mut it = Component::new(kind, &part.name, &part.version, Some(reference.clone()));
+            let class = part.class();
+            let mut it = Component::new(class, &part.name, &part.version, Some(reference.clone()));
             it.purl = Some(purl(part)?);
             it.licenses = part.licence.as_deref().map(licences);
             it.hashes = part.sha256.as_deref().map(hashes);
@@ -247,12 +286,18 @@ mod tests {
     }
 
     fn contents() -> Contents {
+        let busybox = Package {
+            name: "busybox-static".into(),
+            version: "1:1.37.0-6".into(),
+            architecture: "arm64".into(),
+            bytes: 1,
+            sha256: "cd".repeat(32),
+            place: "debian/pool/main/b/busybox/busybox-static_1.37.0-6_arm64.deb".into(),
+        };
         let lock = "[[package]]\nname = \"clap\"\nversion = \"4.5.0\"\nchecksum = \"".to_owned()
             + &"ab".repeat(32)
             + "\"\n[[package]]\nname = \"plumb\"\nversion = \"0.1.0\"\n";
-        Contents::parse(TREE, &checksums(&lock).unwrap())
-            .unwrap()
-            .with_debian_package("busybox-static", "1:1.37.0-6")
+        Contents::parse(TREE, &checksums(&lock).unwrap()).unwrap().with_debian_packages(&[busybox])
     }
 
     #[test]
@@ -269,6 +314,7 @@ mod tests {
             json["components"].as_array().unwrap().iter().map(|it| &it["name"]).collect();
         assert_eq!(names, ["clap", "clap_lex", "libm", "plumb", "debian/busybox-static"]);
         assert_eq!(json["components"][4]["purl"], "pkg:deb/debian/busybox-static@1%3A1.37.0-6");
+        assert_eq!(json["components"][4]["hashes"][0]["content"], "cd".repeat(32));
         let clap = &json["components"][0];
         assert_eq!(clap["hashes"][0]["content"], "ab".repeat(32));
         assert_eq!(json["components"][1]["licenses"][0]["expression"], "MIT OR Apache-2.0");

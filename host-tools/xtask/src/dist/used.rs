@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 
 use super::{What, make};
 use crate::command::{Task, root};
-use crate::image::DebianRoot;
+use crate::image;
 use crate::setup::{self, Need, Probe};
 
 /// The variable that tells the tests in `host-tools/xtask/tests/dist` where the files are.
@@ -47,8 +47,7 @@ const WINE_RELEASE: &str = "trixie";
 
 /// Installs what the tests need.
 pub fn prepare_for_tests() -> Result<()> {
-    setup::ensure(&[ARCHIVES])?;
-    DebianRoot::prepare()
+    setup::ensure(&[ARCHIVES, image::UNPACKING])
 }
 
 /// Makes a Debian with Wine, in which the tests run Windows' program; the directory it is in.

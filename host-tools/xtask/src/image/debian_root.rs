@@ -1,18 +1,25 @@
-//! Debian's arm64 files: kernel, modules, boot firmware, busybox, libcamera.
+//! Debian's arm64 files: kernel, modules, boot firmware, busybox, libcamera; and what
+//! [`own_module`](super::own_module) compiles with.
 //!
-//! `mmdebstrap` fetches the packages, checks their signatures and unpacks them; nothing in them is
-//! run, so any computer can do it. The result is kept below `target/image`; if it is removed, the
-//! newest packages are fetched again.
+//! The packages are those of the lock file, compared with its checksums and unpacked; nothing is
+//! installed, so any computer can do it. The result is kept below `target/image`.
+//!
+//! Debian replaces packages several times a year, and then no longer has the older ones. What is given to
+//! people is made of the lock's packages or not at all ([`DebianRoot::locked`]); the checks go on with
+//! Debian's newest ones and say so ([`DebianRoot::for_checks`]).
 
 use std::fs;
-use std::io::{BufRead as _, BufReader};
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use flate2::read::GzDecoder;
 
+use super::archives::{self, FETCHER, Sources};
+use super::here::Here;
+use super::lock::{Lock, PLACE, Package, UPDATE};
+use super::{own_module, resolve};
 use crate::command::{Task, target_directory};
+use crate::debian;
 use crate::setup::{self, Need, Probe};
 
 /// The release from which the packages come: it has libcamera 0.4, which the Debian package needs,
@@ -20,7 +27,7 @@ use crate::setup::{self, Need, Probe};
 pub const RELEASE: &str = "trixie";
 
 /// The packages to fetch; their dependencies come with them.
-const PACKAGES: &[&str] = &[
+pub const PACKAGES: &[&str] = &[
     "linux-image-arm64",
     "busybox-static",
     "raspi-firmware",
@@ -32,27 +39,22 @@ const PACKAGES: &[&str] = &[
 
 /// The release from which the Raspberry Pi's boot firmware comes: [`RELEASE`] has one of April 2024,
 /// which cannot start the watchdog before the kernel (`kernel_watchdog_timeout`, of July 2025).
-const FIRMWARE_RELEASE: &str = "forky";
+pub const FIRMWARE_RELEASE: &str = "forky";
 
 /// The Raspberry Pi's boot firmware is not free software and is in a section of its own.
-const COMPONENTS: &str = "main,non-free-firmware";
+pub const COMPONENTS: &str = "main,non-free-firmware";
 
 /// The tools needed to fetch the packages.
 const NEEDS: &[Need] = &[
     Need {
-        probe: Probe::Program("mmdebstrap"),
-        package: "mmdebstrap",
-        why: "fetches and unpacks Debian's ARM packages",
+        probe: Probe::File(FETCHER),
+        package: "apt",
+        why: "fetches Debian's ARM packages, and finds out which are the newest",
     },
     Need {
-        probe: Probe::File("/usr/share/keyrings/debian-archive-keyring.gpg"),
+        probe: Probe::File(resolve::KEYS),
         package: "debian-archive-keyring",
-        why: "the keys that those packages are signed with",
-    },
-    Need {
-        probe: Probe::Program("newuidmap"),
-        package: "uidmap",
-        why: "lets mmdebstrap work for somebody who is not root",
+        why: "the keys that the lists of those packages are signed with",
     },
     Need {
         probe: Probe::File("/usr/sbin/depmod"),
@@ -70,32 +72,100 @@ pub struct DebianRoot {
 impl DebianRoot {
     /// Installs what fetching needs.
     pub fn prepare() -> Result<()> {
-        setup::ensure(&[NEEDS])
+        setup::ensure(&[NEEDS, debian::NEEDS])
     }
 
-    /// Fetches the packages, unless they are already there.
-    pub fn fetch() -> Result<Self> {
-        let path = path();
-        let packages = format!("{},{FIRMWARE_RELEASE}", PACKAGES.join(","));
-        if fs::read_to_string(stamp(&path)).is_ok_and(|found| found == packages) {
-            println!("Debian's packages are those in {}", path.display());
-            return Ok(Self { path });
+    /// The packages of the lock, fetched unless they are already there. An error, with the remedy, if
+    /// Debian no longer has one of them.
+    pub fn locked() -> Result<Self> {
+        let lock = Lock::read(PACKAGES)?;
+        if let Some(there) = Self::there(&lock.to_text(), STAMP) {
+            println!("Debian's packages are those in {}", there.path.display());
+            return Ok(there);
         }
-        if path.exists() {
-            fs::remove_dir_all(&path).with_context(|| path.display().to_string())?;
+        let files = fetch(&lock)?;
+        Self::make(&lock, &files.map_err(archives::Gone::into_error)?)
+    }
+
+    /// The same or, if Debian no longer has one of the packages, its newest ones: the checks must not
+    /// fail because Debian has replaced a package. [`Self::notice`] then says so.
+    pub fn for_checks() -> Result<Self> {
+        let lock = Lock::read(PACKAGES)?;
+        let text = lock.to_text();
+        let there = [STAMP, INSTEAD_OF].into_iter().find_map(|stamp| Self::there(&text, stamp));
+        if let Some(there) = there {
+            println!("Debian's packages are those in {}", there.path.display());
+            return Ok(there);
         }
+        let gone = match fetch(&lock)? {
+            Ok(files) => return Self::make(&lock, &files),
+            Err(gone) => gone.into_error(),
+        };
+        println!("{gone}.\nThe checks go on with what Debian has now.");
+        let newest = resolve::newest(PACKAGES)?;
+        let files = fetch(&newest)?;
+        let root = Self::make(&newest, &files.map_err(archives::Gone::into_error)?)?;
+        fs::write(root.path.join(INSTEAD_OF), text)?;
+        Ok(root)
+    }
+
+    /// What to tell the user if the packages that are there are not those of the lock.
+    pub fn notice() -> Result<Option<String>> {
+        let lock = Lock::read(PACKAGES)?;
+        let Some(there) = Self::there(&lock.to_text(), INSTEAD_OF) else { return Ok(None) };
+        let differences = lock.differences(&there.lock()?).join("\n  ");
+        Ok(Some(format!(
+            "NOT the packages of {PLACE}, which Debian no longer has: these checks are of its newest \
+             ones, and `cargo xtask dist` makes no image. Run `{UPDATE}`, and commit the file.\n  \
+             {differences}"
+        )))
+    }
+
+    /// Writes a lock of Debian's newest packages, if it differs from that of the checkout; returns what
+    /// is different.
+    pub fn update_lock() -> Result<Vec<String>> {
+        let newest = resolve::newest(PACKAGES)?;
+        let path = Lock::path();
+        let text = fs::read_to_string(&path).unwrap_or_default();
+        let lines = match Lock::parse(&text) {
+            Ok(lock) if lock.wanted == newest.wanted => {
+                let lines = lock.differences(&newest);
+                if lines.is_empty() {
+                    return Ok(lines);
+                }
+                lines
+            }
+            // Without a lock, with a damaged one or with one of other packages, all is new.
+            _ => newest
+                .packages
+                .iter()
+                .map(|(name, it)| format!("{name} {}: new", it.version))
+                .collect(),
+        };
+        fs::write(&path, newest.to_text()).with_context(|| path.display().to_string())?;
+        Ok(lines)
+    }
+
+    /// What is already there, if this stamp of it has this text.
+    fn there(text: &str, stamp: &str) -> Option<Self> {
+        let path = place();
+        let is_it = fs::read_to_string(path.join(stamp)).is_ok_and(|found| found == text);
+        is_it.then_some(Self { path })
+    }
+
+    /// Unpacks the files of a lock's packages.
+    fn make(lock: &Lock, files: &[PathBuf]) -> Result<Self> {
+        let path = place();
         let unfinished = path.with_extension("unfinished");
-        // From the same place, and of that release nothing but what is not free. Its list of packages
-        // is signed like the others, but has a date after which it is to be replaced, by which a
-        // mirror may be late.
-        let firmware = format!(
-            "--setup-hook=sed --quiet \
-             's/^deb \\(\\[\\(.*\\)\\] \\)\\?\\(.*\\) {RELEASE} .*/\
-             deb [\\2 check-valid-until=no] \\3 {FIRMWARE_RELEASE} non-free-firmware/p' \
-             \"$1/etc/apt/sources.list\" > \"$1/etc/apt/sources.list.d/firmware.list\""
-        );
-        let include = format!("--include={}", PACKAGES.join(","));
-        bootstrap(&["--architectures=arm64", &include, &firmware], &unfinished)?;
+        for old in [&path, &unfinished] {
+            if old.exists() {
+                fs::remove_dir_all(old).with_context(|| old.display().to_string())?;
+            }
+        }
+        fs::create_dir_all(&unfinished).with_context(|| unfinished.display().to_string())?;
+        for file in files {
+            unpack(file, &unfinished)?;
+        }
         // Debian has moved /lib to /usr; the link is normally made by a script, which is not run
         // here.
         if !unfinished.join("lib").exists() {
@@ -108,9 +178,16 @@ impl DebianRoot {
             .args([root.kernel_version()?])
             .output()?;
         fs::write(root.path.join(DEPENDENCIES), dependencies)?;
-        fs::write(stamp(&root.path), packages)?;
+        own_module::prepare_tools(&root.path, &root.kernel_version()?)?;
+        fs::write(root.path.join(STAMP), lock.to_text())?;
         fs::rename(&root.path, &path)?;
+        fs::remove_dir_all(fetched()).context("the fetched packages")?;
         Ok(Self { path })
+    }
+
+    /// The packages that it was made of.
+    pub fn lock(&self) -> Result<Lock> {
+        Lock::parse(&String::from_utf8(self.read(STAMP)?)?)
     }
 
     /// The path of the root.
@@ -155,25 +232,13 @@ impl DebianRoot {
         Ok(self.path.join(format!("boot/vmlinuz-{}", self.kernel_version()?)))
     }
 
-    /// The packages of which parts get onto a card, with their versions.
-    pub fn versions(&self) -> Result<Vec<(String, String)>> {
+    /// The packages of which parts get onto a card: the kernel with its modules and device trees, the
+    /// boot firmware, the DHCP client, and the C library that is linked into the box's program.
+    pub fn on_card(&self) -> Result<Vec<Package>> {
+        let lock = self.lock()?;
         let kernel = format!("linux-image-{}", self.kernel_version()?);
-        let names = [kernel, "raspi-firmware".into(), "busybox-static".into(), "libc6".into()];
-        names.into_iter().map(|name| Ok((name.clone(), self.version(&name)?))).collect()
-    }
-
-    /// The version of a package, by the first line of its changes: `name (version) ...`.
-    fn version(&self, name: &str) -> Result<String> {
-        let directory = self.path.join("usr/share/doc").join(name);
-        let changes = ["changelog.Debian.gz", "changelog.gz"].map(|it| directory.join(it));
-        let path = changes.iter().find(|it| it.is_file());
-        let path = path.with_context(|| format!("{}: no list of changes", directory.display()))?;
-        let failed = || path.display().to_string();
-        let file = fs::File::open(path).with_context(failed)?;
-        let mut line = String::new();
-        BufReader::new(GzDecoder::new(file)).read_line(&mut line).with_context(failed)?;
-        let version = line.split(['(', ')']).nth(1).with_context(failed)?;
-        Ok(version.to_owned())
+        let names = [&kernel, "raspi-firmware", "busybox-static", "libc6-dev"];
+        names.into_iter().map(|name| lock.package(name).cloned()).collect()
     }
 
     /// Which module needs which, as computed by depmod.
@@ -184,53 +249,38 @@ impl DebianRoot {
 
 const DEPENDENCIES: &str = "modules.dep";
 
-/// Where the unpacked packages are.
-pub fn path() -> PathBuf {
+/// The last file to be made: the lock of the packages that are there.
+const STAMP: &str = "packages.lock";
+
+/// The lock of those that should be there instead.
+const INSTEAD_OF: &str = "instead-of.lock";
+
+/// Where the root is.
+fn place() -> PathBuf {
     target_directory().join("image").join(format!("{RELEASE}-arm64"))
 }
 
-/// Unpacks packages of the release and their dependencies into a new directory; nothing in them is
-/// run.
-pub fn unpack(architecture: &str, packages: &[&str], directory: &Path) -> Result<()> {
-    let include = format!("--include={}", packages.join(","));
-    bootstrap(&[&format!("--architectures={architecture}"), &include], directory)
+/// Where packages are between being fetched and being unpacked.
+fn fetched() -> PathBuf {
+    target_directory().join("image").join("packages")
 }
 
-/// Unpacks packages of the release into a new directory, each named as `name:architecture` and
-/// without those that it depends on; the first of the architectures is this machine's.
-pub fn unpack_alone(architectures: &[&str], packages: &[String], directory: &Path) -> Result<()> {
-    // Where a hook runs, the lists of packages are there, with their signatures checked; `$1` is
-    // the new root.
-    let hook = format!(
-        "--extract-hook=cd \"$1\" && \
-         APT_CONFIG=\"$MMDEBSTRAP_APT_CONFIG\" apt-get --quiet download {} && \
-         for it in *.deb; do dpkg-deb --extract \"$it\" . && rm \"$it\" || exit 1; done",
-        packages.join(" ")
-    );
-    bootstrap(&[&format!("--architectures={}", architectures.join(",")), &hook], directory)
+/// Fetches the packages of a lock that are of use on this computer.
+fn fetch(lock: &Lock) -> Result<std::result::Result<Vec<PathBuf>, archives::Gone>> {
+    let lock = lock.for_host(Here::of_this_machine()?.architecture);
+    archives::fetch(&lock, &fetched(), &Sources::of_this_computer()?)
 }
 
-fn bootstrap(options: &[&str], directory: &Path) -> Result<()> {
-    if directory.exists() {
-        fs::remove_dir_all(directory).with_context(|| directory.display().to_string())?;
+/// Unpacks a package's files into a directory, without those that belong to a running system, which only
+/// root may create.
+fn unpack(package: &Path, directory: &Path) -> Result<()> {
+    let files = Task::new("dpkg-deb").args(["--fsys-tarfile"]).args([package]).output_bytes()?;
+    let mut archive = tar::Archive::new(&files[..]);
+    for entry in archive.entries()? {
+        let mut entry = entry?;
+        if !entry.path()?.strip_prefix("./").is_ok_and(|path| path.starts_with("dev/")) {
+            entry.unpack_in(directory).with_context(|| package.display().to_string())?;
+        }
     }
-    fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
-    let archive = directory.with_extension("tar");
-    Task::new("mmdebstrap")
-        .args(["--variant=extract", &format!("--components={COMPONENTS}")])
-        .args(options)
-        .args([RELEASE.as_ref(), archive.as_os_str()])
-        .run()?;
-    // Device files belong to a running system, and only root may create them.
-    Task::new("tar")
-        .args(["--extract", "--no-same-owner", "--exclude=./dev/*", "--file"])
-        .args([&archive])
-        .args(["--directory".as_ref(), directory.as_os_str()])
-        .run()?;
-    Ok(fs::remove_file(&archive)?)
-}
-
-/// The last file to be made: its content shows that everything is there.
-fn stamp(root: &Path) -> PathBuf {
-    root.join("packages")
+    Ok(())
 }

@@ -24,8 +24,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-use super::debian_root::{self, RELEASE};
+use super::debian_root::RELEASE;
 use super::here::{Here, write_script};
+use super::unpacked::unpack;
 use crate::command::{Task, quoted, target_directory};
 use crate::setup::{Need, Probe};
 
@@ -183,7 +184,7 @@ fn fetched() -> Result<PathBuf> {
     if !path.exists() {
         println!("The system's QEMU has no machine {MACHINE}: Debian {RELEASE}'s is fetched");
         let unfinished = path.with_extension("unfinished");
-        debian_root::unpack(Here::of_this_machine()?.architecture, PACKAGES, &unfinished)?;
+        unpack(Here::of_this_machine()?.architecture, PACKAGES, &unfinished)?;
         fs::rename(&unfinished, &path)?;
     }
     Ok(path)

@@ -7,6 +7,9 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 
+/// Debian's names for the processors of the machines that images are made on.
+pub const HOSTS: [&str; 2] = ["amd64", "arm64"];
+
 /// Debian's names for the machine that this program runs on.
 pub struct Here {
     /// Of packages.

@@ -1,6 +1,8 @@
 //! `cargo xtask image`: makes the images for a box.
 //!
 //! ```text
+//! packages.lock
+//!       ▼
 //! Debian's packages ─▶ kernel, modules, busybox ─┐
 //!                                                ├─▶ initramfs ─┬─▶ virt: for QEMU
 //! plumbline-board, built static for arm64 ───────┘              └─▶ rpi4: SD card
@@ -12,6 +14,7 @@
 //! variant would need its own modules.
 
 mod archive;
+mod archives;
 mod config;
 mod deb;
 mod debian_root;
@@ -19,13 +22,16 @@ mod emulated_pi;
 mod fat;
 mod here;
 mod initramfs;
+mod lock;
 mod modules;
 mod output;
 mod own_module;
+mod resolve;
 mod rpi4;
 mod slot;
 mod test_debian;
 mod test_overlay;
+mod unpacked;
 mod update;
 mod virt;
 
@@ -38,12 +44,15 @@ use plumbline_update::header::VerifyingKey;
 use plumbline_update::sign::SigningKey;
 
 use crate::command::{BadInput, target_directory};
+use crate::commit::{self, Commit};
 use crate::cross::{Linking, Target};
 use crate::debian;
 use crate::setup;
 pub use archive::Archive;
 use config::Provided;
 pub use debian_root::DebianRoot;
+pub use lock::Package;
+pub use unpacked::NEEDS as UNPACKING;
 
 /// The arguments of `cargo xtask image`.
 #[derive(clap::Args)]
@@ -72,8 +81,8 @@ provision --card` puts them into an image or onto a card. Whoever reads an
 image with a key in it can listen to that box and command it.")]
 pub struct Arguments {
     /// What to make.
-    #[arg(value_enum)]
-    what: What,
+    #[arg(value_enum, required_unless_present = "update_lock")]
+    what: Option<What>,
     /// The configuration to put in, as `plumb provision` wrote it; refused where a box
     /// would refuse it.
     #[arg(long, value_name = "box.plb")]
@@ -94,6 +103,10 @@ pub struct Arguments {
     /// target/image/plumbline-board_VERSION_arm64.deb, target/image/plumbline-VERSION-rpi4.plu]
     #[arg(long, value_name = "DIR|FILE")]
     out: Option<PathBuf>,
+    /// Write Debian's newest packages into board/image/packages.lock, from which the images are made,
+    /// and say what has changed.
+    #[arg(long, conflicts_with_all = ["what", "config", "update_key", "signing_key", "out"])]
+    update_lock: bool,
 }
 
 /// The kinds of image.
@@ -117,7 +130,8 @@ const KEY_NAME: &str = "box.key";
 
 /// Makes the image.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let default = match arguments.what {
+    let Some(what) = arguments.what else { return update_lock() };
+    let default = match what {
         What::Virt => "virt".into(),
         What::Rpi4 => "plumbline-rpi4.img".into(),
         What::Deb => format!("plumbline-board_{}_arm64.deb", debian::VERSION),
@@ -126,11 +140,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let out = arguments.out.clone().unwrap_or_else(|| directory().join(default));
     // The programs that make the image run in other directories.
     let out = path::absolute(out).context("--out")?;
-    output::check(&out, arguments.what == What::Virt)?;
-    let signing_key = signing_key(arguments)?;
+    output::check(&out, what == What::Virt)?;
+    let signing_key = signing_key(what, arguments.signing_key.as_deref())?;
     let mut update_keys = update::public_keys(&arguments.update_key)?;
     update_keys.extend(signing_key.as_ref().map(SigningKey::verifying_key));
-    if matches!(arguments.what, What::Deb | What::Update) && arguments.config.is_some() {
+    if matches!(what, What::Deb | What::Update) && arguments.config.is_some() {
         bail!(BadInput(
             "--config: a package or an update serves all boxes; leave it out, and copy the configuration to \
              /var/lib/plumbline/config.plb on the box"
@@ -142,7 +156,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Some(config) => Provided::checked(config, key)?,
         None => Provided::default(),
     };
-    match arguments.what {
+    match what {
         What::Virt => virt::make(&Parts::make(&update_keys)?, &provided, &out),
         What::Rpi4 => rpi4::make(&Parts::make(&update_keys)?, &provided, &out),
         What::Deb => make_deb(&out),
@@ -154,8 +168,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// The key to sign an update with: given for one, and for nothing else.
-fn signing_key(arguments: &Arguments) -> Result<Option<SigningKey>> {
-    match (arguments.what, &arguments.signing_key) {
+fn signing_key(what: What, file: Option<&Path>) -> Result<Option<SigningKey>> {
+    match (what, file) {
         (What::Update, Some(file)) => update::signing_key(file).map(Some),
         (What::Update, None) => bail!(BadInput(
             "--signing-key: an update must be signed: give the private key whose public one the \
@@ -167,18 +181,33 @@ fn signing_key(arguments: &Arguments) -> Result<Option<SigningKey>> {
     }
 }
 
+/// Renews the lock, and says what has changed.
+fn update_lock() -> Result<()> {
+    DebianRoot::prepare()?;
+    let lines = DebianRoot::update_lock()?;
+    for line in &lines {
+        println!("{line}");
+    }
+    if lines.is_empty() {
+        println!("{}: Debian has nothing newer", lock::PLACE);
+    } else {
+        println!("{}: written; `cargo xtask test boot` tries the new packages", lock::PLACE);
+    }
+    Ok(())
+}
+
 /// Makes the image of an SD card without a configuration; returns the Debian packages of which parts are
-/// in it, with their versions.
-pub fn make_card(out: &Path) -> Result<Vec<(String, String)>> {
+/// in it.
+pub fn make_card(out: &Path) -> Result<Vec<Package>> {
     let parts = Parts::make(&[])?;
     rpi4::make(&parts, &Provided::default(), out)?;
-    parts.debian.versions()
+    parts.debian.on_card()
 }
 
 /// Makes the Debian package of the box's program.
 pub fn make_deb(out: &Path) -> Result<()> {
     prepare()?;
-    let debian = DebianRoot::fetch()?;
+    let debian = DebianRoot::locked()?;
     deb::make(&built_with_libcamera(&debian, Profile::Release)?, out)
 }
 
@@ -192,7 +221,7 @@ pub fn prepare() -> Result<()> {
 /// Installs what the tests need in addition.
 pub fn prepare_for_tests() -> Result<()> {
     // Separately, because a package that cannot be installed beside others would hold up the rest.
-    setup::ensure(&[emulated_pi::NEEDS])?;
+    setup::ensure(&[emulated_pi::NEEDS, UNPACKING])?;
     setup::ensure(&[setup::QEMU_SYSTEM])?;
     prepare()
 }
@@ -238,7 +267,7 @@ impl Profile {
 
 /// Builds the programs that [`make_for_tests`] needs, which then finds them built.
 pub fn build_ahead(profile: Profile) -> Result<()> {
-    let debian = DebianRoot::fetch()?;
+    let debian = DebianRoot::for_checks()?;
     built(&debian, profile, Libraries::Inside, GUEST, &[])?;
     built(&debian, profile, Libraries::Inside, BOARD, &["fault-injection"])?;
     built_with_libcamera(&debian, profile).map(drop)
@@ -264,7 +293,7 @@ pub fn make_for_tests(profile: Profile) -> Result<PathBuf> {
     prepare()?;
     let directory = directory().join("tests");
     fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
-    let debian = DebianRoot::fetch()?;
+    let debian = DebianRoot::for_checks()?;
     let guest = built(&debian, profile, Libraries::Inside, GUEST, &[])?;
     let overlay = test_overlay::make(&debian, &guest)?;
     fs::write(directory.join("overlay.cpio"), overlay)?;
@@ -308,7 +337,7 @@ impl Parts {
     /// Fetches and builds them, for boxes that take updates signed with these keys.
     fn make(update_keys: &[VerifyingKey]) -> Result<Self> {
         prepare()?;
-        let debian = DebianRoot::fetch()?;
+        let debian = DebianRoot::locked()?;
         let program = built(&debian, Profile::Release, Libraries::Inside, BOARD, &[])?;
         let initramfs = initramfs::make(&debian, &program, update_keys)?;
         Ok(Self { debian, initramfs })
@@ -353,8 +382,16 @@ fn built(
 ) -> Result<PathBuf> {
     let toolchain = Target::Aarch64.toolchain()?;
     let linking = Linking::Root(debian.path());
-    let cargo = toolchain
-        .cargo(linking)
+    let cargo = toolchain.cargo(linking);
+    let cargo = match (profile, Commit::read()) {
+        (Profile::Release, Ok(commit)) => cargo.env(commit::VARIABLE, &commit.mark()),
+        (Profile::Release, Err(error)) => {
+            println!("{error:#}\nThe program will not say which commit it is of.");
+            cargo
+        }
+        (Profile::Dev, _) => cargo,
+    };
+    let cargo = cargo
         .args(["rustc", "--profile", profile.name(), "--package", program, "--bin", program])
         .args(profile.arguments())
         .args(features.iter().flat_map(|feature| ["--features", feature]));

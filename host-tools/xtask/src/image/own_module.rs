@@ -1,7 +1,7 @@
 //! The box's own kernel module, `board/image/tryboot`, compiled for the image's kernel.
 //!
-//! Debian's headers of exactly this kernel are fetched and unpacked below `target/image`. They were
-//! made to be installed: the tools of the kernel's build in them are programs of the release, which
+//! Debian's headers of exactly this kernel are in the lock and in the root beside it. They were made to
+//! be installed: the tools of the kernel's build in them are programs of the release, which
 //! may need a newer C library than this machine has, and are therefore run by their own loader with
 //! their own libraries. The compiler is this machine's. It may be older than the kernel's; what an
 //! older one lacks is left out, here and in the module's own Makefile.
@@ -13,8 +13,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-use super::debian_root::{self, DebianRoot, RELEASE};
-use super::here::{Here, write_script};
+use super::debian_root::DebianRoot;
+use super::here::{HOSTS, Here, write_script};
+use super::lock::BOX;
 use crate::command::{Task, root, target_directory};
 use crate::setup::{Need, Probe};
 
@@ -44,8 +45,6 @@ const SETTINGS: [&str; 6] = [
 
 /// Compiles the module for the kernel of the root; returns the path of its file.
 pub fn make(debian: &DebianRoot) -> Result<PathBuf> {
-    let version = debian.kernel_version()?;
-    let headers = Headers::fetch(&version)?;
     let directory = target_directory().join("image").join("own-module");
     if directory.exists() {
         fs::remove_dir_all(&directory).with_context(|| directory.display().to_string())?;
@@ -56,7 +55,7 @@ pub fn make(debian: &DebianRoot) -> Result<PathBuf> {
         let entry = entry?;
         fs::copy(entry.path(), directory.join(entry.file_name()))?;
     }
-    headers.build(&directory)?;
+    build(debian, &directory)?;
     let (built, module) =
         (directory.join(format!("{NAME}.ko")), directory.join(format!("stripped-{NAME}.ko")));
     Task::new("aarch64-linux-gnu-strip")
@@ -66,67 +65,55 @@ pub fn make(debian: &DebianRoot) -> Result<PathBuf> {
     Ok(module)
 }
 
-/// Debian's headers of a kernel, and the tools of its build.
-struct Headers {
-    path: PathBuf,
-    version: String,
+/// The packages that it is compiled with, besides those of the box: the kernel's headers, the tools of its
+/// build, and the C library with which those are run, for each kind of machine that images are made on.
+/// Each is named as apt and the lock name it.
+pub fn packages(kernel: &str) -> Vec<String> {
+    let tools = tools_version(kernel);
+    let headers =
+        [format!("linux-headers-{kernel}"), format!("linux-headers-{tools}-common")].into_iter();
+    let of_host = HOSTS.into_iter().flat_map(|host| {
+        let suffix = if host == BOX { String::new() } else { format!(":{host}") };
+        [format!("{TOOLS}{tools}{suffix}"), format!("libc6{suffix}")]
+    });
+    headers.chain(of_host).collect()
 }
 
-impl Headers {
-    /// Fetches them, unless they are already there.
-    fn fetch(version: &str) -> Result<Self> {
-        let path = target_directory().join("image").join(format!("{RELEASE}-headers-{version}"));
-        let headers = Self { path, version: version.to_owned() };
-        if headers.path.exists() {
-            return Ok(headers);
-        }
-        let here = Here::of_this_machine()?;
-        let tools = tools_version(version);
-        let architectures = match here.architecture {
-            "arm64" => vec!["arm64"],
-            other => vec![other, "arm64"],
-        };
-        let packages = [
-            format!("linux-headers-{version}:arm64"),
-            format!("linux-headers-{tools}-common"),
-            format!("linux-kbuild-{tools}:{}", here.architecture),
-            format!("libc6:{}", here.architecture),
-        ];
-        let unfinished = headers.path.with_extension("unfinished");
-        debian_root::unpack_alone(&architectures, &packages, &unfinished).with_context(|| {
-            format!(
-                "the headers of the kernel {version} cannot be fetched. If Debian has a newer kernel \
-                 by now, remove {} and make the image again",
-                debian_root::path().display()
-            )
-        })?;
-        let scripts = unfinished.join(format!("usr/lib/linux-kbuild-{tools}/scripts"));
-        // The second is one of a family, of which a small program chooses.
-        for (name, program) in
-            [("basic/fixdep", None), ("mod/modpost", Some("modpost.real-lsb-64"))]
-        {
-            loaded(&scripts.join(name), program, &here)?;
-        }
-        fs::rename(&unfinished, &headers.path)?;
-        Ok(headers)
-    }
+/// Whether this package is of programs that are run where images are made, even if its architecture is
+/// the box's.
+pub fn is_run_here(package: &str) -> bool {
+    package.starts_with(TOOLS)
+}
 
-    /// Runs the kernel's build for the modules in a directory.
-    fn build(&self, directory: &Path) -> Result<()> {
-        let sources = self.path.join("usr/src");
-        let tools = tools_version(&self.version);
-        let common = sources.join(format!("linux-headers-{tools}-common/Makefile"));
-        // Debian's own Makefile in that directory names this one by the path where it would be
-        // installed.
-        Task::new("make")
-            .args(["--silent", "--directory"])
-            .args([sources.join(format!("linux-headers-{}", self.version))])
-            .args(["--file".as_ref(), common.as_os_str()])
-            .args(SETTINGS)
-            .args([format!("M={}", directory.display())])
-            .args(["modules"])
-            .run()
+/// How the name of the package with the tools begins.
+const TOOLS: &str = "linux-kbuild-";
+
+/// Has the tools of the build below a root run by the C library in it.
+pub fn prepare_tools(root: &Path, kernel: &str) -> Result<()> {
+    let here = Here::of_this_machine()?;
+    let scripts = root.join(format!("usr/lib/{TOOLS}{}/scripts", tools_version(kernel)));
+    // The second is one of a family, of which a small program chooses.
+    for (name, program) in [("basic/fixdep", None), ("mod/modpost", Some("modpost.real-lsb-64"))] {
+        loaded(&scripts.join(name), program, &here)?;
     }
+    Ok(())
+}
+
+/// Runs the kernel's build for the modules in a directory.
+fn build(debian: &DebianRoot, directory: &Path) -> Result<()> {
+    let kernel = debian.kernel_version()?;
+    let sources = debian.path().join("usr/src");
+    let common = sources.join(format!("linux-headers-{}-common/Makefile", tools_version(&kernel)));
+    // Debian's own Makefile in that directory names this one by the path where it would be
+    // installed.
+    Task::new("make")
+        .args(["--silent", "--directory"])
+        .args([sources.join(format!("linux-headers-{kernel}"))])
+        .args(["--file".as_ref(), common.as_os_str()])
+        .args(SETTINGS)
+        .args([format!("M={}", directory.display())])
+        .args(["modules"])
+        .run()
 }
 
 /// The version in the names of what all kinds of a kernel share: `6.12.118+deb13` of
@@ -165,6 +152,16 @@ mod tests {
     #[test]
     fn the_kinds_of_a_kernel_share_their_tools() {
         assert_eq!(tools_version("6.12.118+deb13-arm64"), "6.12.118+deb13");
+    }
+
+    #[test]
+    fn every_kind_of_machine_has_its_tools() {
+        let common = ["linux-headers-6.1+2-arm64", "linux-headers-6.1+2-common"];
+        let of_hosts = ["linux-kbuild-6.1+2:amd64", "libc6:amd64", "linux-kbuild-6.1+2", "libc6"];
+        let packages = packages("6.1+2-arm64");
+        assert_eq!(packages, [&common[..], &of_hosts].concat());
+        let run_here = packages.iter().filter(|&it| is_run_here(it));
+        assert_eq!(run_here.collect::<Vec<_>>(), [of_hosts[0], of_hosts[2]]);
     }
 
     #[test]

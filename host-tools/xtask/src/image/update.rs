@@ -9,7 +9,8 @@ use plumbline_update::release::{CURRENT, OLDEST_ALLOWED};
 use plumbline_update::sign::{self, SigningKey};
 
 use super::{Parts, output, slot};
-use crate::command::{BadInput, Task, root};
+use crate::command::BadInput;
+use crate::commit::Commit;
 
 /// The board for which updates are made.
 const BOARD: &str = "rpi4";
@@ -55,7 +56,7 @@ pub fn make(parts: &Parts, key: &SigningKey, out: &Path) -> Result<()> {
         board: Text::new(BOARD).context("the board's name")?,
         version: CURRENT,
         oldest_allowed: OLDEST_ALLOWED,
-        commit: commit()?,
+        commit: Text::new(&Commit::read()?.mark()).context("the commit's name")?,
         slot_bytes: u32::try_from(slot.len())?,
         slot_hash: slot_hash(slot),
         key: KeyId::of(&key.verifying_key()),
@@ -70,11 +71,4 @@ pub fn make(parts: &Parts, key: &SigningKey, out: &Path) -> Result<()> {
         header.key
     );
     Ok(())
-}
-
-/// The commit of the checkout, with a mark if something was changed since.
-fn commit<const BYTES: usize>() -> Result<Text<BYTES>> {
-    let describe = ["describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"];
-    let said = Task::new("git").args(describe).current_dir(root()).output()?;
-    Text::new(said.trim()).with_context(|| format!("git describe says {said:?}"))
 }

@@ -32,7 +32,7 @@ fn jobs(parts: &[Part], recordings: PathBuf) -> Vec<Job<'static>> {
     if has_arm || has_boot {
         jobs.push(Box::new(move || {
             if has_arm {
-                let debian = DebianRoot::fetch()?;
+                let debian = DebianRoot::for_checks()?;
                 let cargo = Target::Aarch64.toolchain()?.cargo(Linking::Root(debian.path()));
                 cargo.args(BUILD).args(SHIPPED).run()?;
             }

@@ -35,6 +35,8 @@ pub struct Journal {
     pub programs: Option<PathBuf>,
     /// Third-party software that tests need and this machine cannot have, with the reason.
     lacking: Vec<String>,
+    /// What else the user must know in the end; it fails nothing.
+    pub notices: Vec<String>,
 }
 
 struct Step {
@@ -145,6 +147,9 @@ impl Journal {
             if let Some(failure) = &step.failure {
                 println!("{} {}: {failure}", step.part, step.name);
             }
+        }
+        for notice in &self.notices {
+            println!("{notice}");
         }
         let total = self.total();
         println!("{} passed, {} failed", total.passed, total.failed);

@@ -7,8 +7,8 @@ use plumbline_stream::power::PowerSeen;
 use super::super::check::{Check, Verdict};
 use super::super::findings::Findings;
 
-/// The program that these checks know.
-const PROGRAM: &str = concat!("plumbline ", env!("CARGO_PKG_VERSION"));
+/// The program that these checks are of.
+const OWN: &str = plumbline::program_version!();
 
 /// A Raspberry Pi slows its processor down from 80 degrees Celsius on; in a warmer room or
 /// behind a curtain ten degrees are soon gone.
@@ -48,11 +48,23 @@ pub fn checks(findings: &Findings) -> Vec<Check> {
 
 fn program(hello: &Hello) -> Check {
     let firmware = hello.firmware.as_str();
-    if firmware == PROGRAM {
+    if is_of_one_release(firmware, OWN) {
         return Check::good("program", firmware);
     }
-    let seen = format!("{firmware}, and this is {PROGRAM}");
+    let seen = format!("{firmware}, and this is plumb {OWN}");
     Check::warn("program", seen, "update the older of the two")
+}
+
+/// Whether two texts of [`ProgramVersion`](plumbline::packet::ProgramVersion) name the same version and
+/// commit; where one of them does not name its commit, whether they name the same version.
+fn is_of_one_release(one: &str, other: &str) -> bool {
+    let parts = |text: &str| -> (String, Option<String>) {
+        let (version, commit) = text.split_once('+').unwrap_or((text, "dev"));
+        (version.to_owned(), (commit != "dev").then(|| commit.to_owned()))
+    };
+    let ((version, commit), (other_version, other_commit)) = (parts(one), parts(other));
+    version == other_version
+        && (commit.is_none() || other_commit.is_none() || commit == other_commit)
 }
 
 fn start(findings: &Findings, hello: &Hello) -> Check {
@@ -197,13 +209,29 @@ mod tests {
     }
 
     #[test]
+    fn programs_of_one_release_have_the_same_version_and_where_it_is_known_the_same_commit() {
+        let old = "plumbline 0.1.0";
+        for (one, other, is_of_one) in [
+            ("0.1.0+1a2b3c4d", "0.1.0+1a2b3c4d", true),
+            ("0.1.0+1a2b3c4d", "0.1.0+dev", true),
+            ("0.1.0+1a2b3c4d", "0.1.0+1a2b3c4d.changed", false),
+            ("0.1.0+1a2b3c4d", "0.1.0+5e6f7a8b", false),
+            ("0.1.0+dev", "0.2.0+dev", false),
+            (old, "0.1.0+dev", false),
+        ] {
+            assert_eq!(is_of_one_release(one, other), is_of_one, "{one}, {other}");
+            assert_eq!(is_of_one_release(other, one), is_of_one, "{one}, {other}");
+        }
+    }
+
+    #[test]
     fn who_it_is_and_how_it_started() {
         let good = check(&healthy(), "start");
         assert_says(&good, Verdict::Good, &["power", "10 min ago", "for the 3. time"]);
         let nameless = Findings { packets: 1, ..Findings::default() };
         assert_says(&check(&nameless, "box"), Verdict::Fail, &["does not say", "firewall"]);
         let older = with_hello(|hello| hello.firmware = "plumbline 0.0.1".try_into().unwrap());
-        assert_says(&check(&older, "program"), Verdict::Warn, &["plumbline 0.0.1", "update"]);
+        assert_says(&check(&older, "program"), Verdict::Warn, &["plumbline 0.0.1", OWN, "update"]);
         let bitten = with_hello(|hello| hello.reset_reason = ResetReason::Watchdog);
         assert_says(&check(&bitten, "start"), Verdict::Warn, &["watchdog", "its camera"]);
         let mut restarted = healthy();

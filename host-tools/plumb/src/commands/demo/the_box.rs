@@ -29,7 +29,7 @@ pub fn program() -> Result<PathBuf> {
         None => {
             let own = std::env::current_exe().context("this program cannot find itself")?;
             let remedy = format!(
-                "build it with `cargo build --release -p plumbline-board`, or set {VARIABLE} to it"
+                "build it with `cargo build --release --locked -p plumbline-board`, or set {VARIABLE} to it"
             );
             let places = [own.with_file_name("plumbline-board"), own.with_file_name(INSTALLED)];
             let [beside, _] = &places;

@@ -98,7 +98,7 @@ fn boxes<W: Write>(receiver: &Receiver<W>) -> Vec<(&'static str, String)> {
     let described = boxes.into_iter().map(|(who, frames)| match who {
         Some([name, program, configuration]) => {
             let frames = counted(frames, "frame");
-            format!("{name}, {program}, configuration {configuration}: {frames}")
+            format!("{name}, program {program}, configuration {configuration}: {frames}")
         }
         None => format!("one that did not give its name: {}", counted(frames, "frame")),
     });

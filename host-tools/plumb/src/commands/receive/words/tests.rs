@@ -123,7 +123,8 @@ fn frames_belong_to_the_start_that_sent_them() {
     let (words, table) = restart(8, 9, 5, health(CameraState::Lost, 3000, 0));
     assert!(words.contains("camera lost: no frame since the box's start 3 s ago"), "{words}");
     let firmware = fixture::hello(&fixture::config()).firmware;
-    let box_with = |crc| format!("ward 3 (PL-0001), {firmware}, configuration 0000000{crc}: ");
+    let box_with =
+        |crc| format!("ward 3 (PL-0001), program {firmware}, configuration 0000000{crc}: ");
     for row in [box_with(7) + "2 frames", box_with(9) + "0 frames"] {
         assert!(table.contains(&row), "{row}: {table}");
     }
