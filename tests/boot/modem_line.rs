@@ -36,7 +36,8 @@ fn has(console: &str, line: &str) -> bool {
 pub fn assert_watched(console: &str) {
     assert!(
         has(console, "test: all lines"),
-        "the guest did not come to the end of its modem lines"
+        "the guest did not come to the end of its modem lines: {:?}",
+        console.lines().filter(|line| line.contains("test:")).take(20).collect::<Vec<_>>()
     );
     let refused = "test: refused cts it is a modem on USB, which has no line cts";
     assert!(has(console, refused), "cts of a modem on USB");
