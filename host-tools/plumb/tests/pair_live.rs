@@ -88,11 +88,11 @@ fn a_box_gets_its_key_over_the_cable_is_heard_with_it_and_takes_no_other() {
 
     // The box is heard with it at once, and after its next start.
     let shown = at_cable(folder, &["show"]);
-    says(&shown, 0, &[concat!("ward 3 (PL-0001), ", env!("CARGO_PKG_VERSION"), "+")]);
+    says(&shown, 0, &[concat!("ward 3 (PL-0001), program ", env!("CARGO_PKG_VERSION"), "+")]);
     drop(the_box);
     let _the_box = TheBox::start(&board, folder, &cable);
     let again = at_cable(folder, &["show"]);
-    says(&again, 0, &[concat!("ward 3 (PL-0001), ", env!("CARGO_PKG_VERSION"), "+")]);
+    says(&again, 0, &[concat!("ward 3 (PL-0001), program ", env!("CARGO_PKG_VERSION"), "+")]);
 
     // Somebody else with the cable, when the box was not just switched on by hand: its program was
     // started again.
