@@ -97,7 +97,6 @@ impl Ward {
         let words = words.split_whitespace().filter(|word| !word.starts_with("console="));
         let words: Vec<&str> = words.collect();
         let tree = self.tree(is_try);
-        // QEMU's network keeps the host's packets apart from those that are watched here.
         let parts = Parts {
             kernel: self.path("vmlinuz"),
             initramfs: vec![self.path("initramfs"), image("overlay.cpio")],

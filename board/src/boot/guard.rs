@@ -20,7 +20,7 @@
 //! | the kernel, or this program before the watchdog's driver, the first module | the firmware's watchdog: 15 s after the kernel's start, by `kernel_watchdog_timeout` in `config.txt` | nothing: no watchdog runs |
 //! | the loading of the other modules | the driver feeds it for 15 s, by `watchdog.open_timeout` from the firmware; it bites 15 s later | nothing |
 //! | the start, up to the session | this guard | this guard |
-//! | the session before its first frame | nothing: it may wait for a camera | nothing |
+//! | the session before its first frame | nothing: it may wait for a camera; in the trial of an update the watchdog, which each turn of the loop feeds | the same |
 //! | the session | the watchdog, which frames feed | the same |
 
 use std::io;

@@ -67,7 +67,7 @@ impl Session {
                 self.updates.begin(listener)
             }
             Action::QueryUpdate if self.updates.is_receiving() && self.links.is_recorded() => {
-                refused(Refusal::Recording, "the update goes on when the trial is over")
+                refused(Refusal::Recording, "send the update again when the trial is over")
             }
             Action::QueryUpdate => self.updates.query(),
             Action::TryUpdate => self.updates.try_it(),

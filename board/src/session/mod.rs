@@ -154,7 +154,7 @@ impl Session {
         let mut beat = self.started;
         while !stop.load(Ordering::Relaxed) && !self.reboot && self.updates.leave().is_none() {
             let now = Instant::now();
-            if self.updates.is_tried()
+            if self.updates.is_unproven()
                 && let Some(watchdog) = &mut self.watchdog
             {
                 // It watches the loop itself, with and without a camera: what hangs is no system to keep.
@@ -200,7 +200,7 @@ impl Session {
             return;
         }
         if matches!(camera, CameraState::Lost | CameraState::Stalled)
-            && !self.updates.is_tried()
+            && !self.updates.is_unproven()
             && let Some(watchdog) = &mut self.watchdog
         {
             watchdog.stop();

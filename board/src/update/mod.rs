@@ -148,7 +148,7 @@ impl Updates {
 
     /// Whether the new program has yet to show that it works.
     #[must_use]
-    pub fn is_tried(&self) -> bool {
+    pub fn is_unproven(&self) -> bool {
         self.trial.is_some()
     }
 
