@@ -81,46 +81,57 @@ fn a_box_whose_key_is_not_here_and_one_without_a_key_are_named() {
     says(&said, 2, &["a box is heard that has no key", "plumb pair"]);
 }
 
-/// Whether `receive` and `doctor` say what to do about a box of another release.
-#[test]
-fn a_box_of_another_release_is_named_and_what_to_update() {
+/// A box of a release with these versions and messages is named, and what to do is said.
+fn assert_named((versions, schema_hash): ([u8; 2], u32), what: &str, remedy: &str) {
     let folder = tempfile::tempdir().unwrap();
     keys::known(folder.path());
+    for (arguments, code, words) in [
+        ("receive --udp UDP --out trial", 1, "FAIL  link"),
+        ("doctor --udp UDP", 1, "FAIL  link"),
+        ("show --udp UDP", 2, "error: UDP 127.0.0.1"),
+    ] {
+        let udp = free_port();
+        let run = running(folder.path(), udp, arguments);
+        let box_of_it = OtherRelease::new(udp, versions, schema_hash);
+        while !run.is_finished() {
+            box_of_it.live(Duration::from_millis(100));
+        }
+        says(&run.join().unwrap(), code, &[what, remedy, words]);
+        assert!(!folder.path().join("trial").exists());
+    }
+    // While it waits for a box that may come.
+    let udp = free_port();
+    let child = started(folder.path(), udp, "receive --udp UDP");
+    let box_of_it = OtherRelease::new(udp, versions, schema_hash);
+    // It announces itself each time, as a box does: the program needs a moment to listen.
+    (0..30).for_each(|_| box_of_it.live(Duration::from_millis(100)));
+    interrupt(&child);
+    let said = String::from_utf8(child.wait_with_output().unwrap().stderr).unwrap();
+    assert!(said.contains(what) && said.contains(remedy), "{said}");
+}
+
+#[test]
+fn a_box_of_another_release_is_named_and_what_to_update() {
     let newer = ([PROTOCOL_VERSION + 1; 2], SCHEMA_HASH);
     let older = ([1, PROTOCOL_VERSION - 1], SCHEMA_HASH);
     let other = ([PROTOCOL_VERSION; 2], 0x0BAD_CAFE);
     let update_here = "this program is the older one: update Plumbline on this computer";
     let update_box = "the box is the older one: give it the release that is on this computer";
     let update = "give both the same release";
-    for ((versions, schema_hash), what, remedy) in [
-        (newer, "\"ward 3\" (PL-0001) speaks version 5 of the link, this program 4", update_here),
-        (older, "speaks versions 1 to 3 of the link, this program 4", update_box),
-        (other, "is of another release: its messages are 0badcafe", update),
-    ] {
-        for (arguments, code, words) in [
-            ("receive --udp UDP --out trial", 1, "FAIL  link"),
-            ("doctor --udp UDP", 1, "FAIL  link"),
-            ("show --udp UDP", 2, "error: UDP 127.0.0.1"),
+    // Most of it is waiting.
+    std::thread::scope(|scope| {
+        for (release, what, remedy) in [
+            (
+                newer,
+                "\"ward 3\" (PL-0001) speaks version 5 of the link, this program 4",
+                update_here,
+            ),
+            (older, "speaks versions 1 to 3 of the link, this program 4", update_box),
+            (other, "is of another release: its messages are 0badcafe", update),
         ] {
-            let udp = free_port();
-            let run = running(folder.path(), udp, arguments);
-            let box_of_it = OtherRelease::new(udp, versions, schema_hash);
-            while !run.is_finished() {
-                box_of_it.live(Duration::from_millis(100));
-            }
-            says(&run.join().unwrap(), code, &[what, remedy, words]);
-            assert!(!folder.path().join("trial").exists());
+            scope.spawn(move || assert_named(release, what, remedy));
         }
-        // While it waits for a box that may come.
-        let udp = free_port();
-        let child = started(folder.path(), udp, "receive --udp UDP");
-        let box_of_it = OtherRelease::new(udp, versions, schema_hash);
-        // It announces itself each time, as a box does: the program needs a moment to listen.
-        (0..30).for_each(|_| box_of_it.live(Duration::from_millis(100)));
-        interrupt(&child);
-        let said = String::from_utf8(child.wait_with_output().unwrap().stderr).unwrap();
-        assert!(said.contains(what) && said.contains(remedy), "{said}");
-    }
+    });
 }
 
 /// Its end, by itself, by Ctrl-C and by an error, frees the place at once.
