@@ -14,10 +14,10 @@ use crate::common::keys;
 use crate::live_box::{Bench, PAIR, board, recording};
 
 /// The box's program, at one end of a cable.
-struct TheBox(Child);
+pub struct TheBox(Child);
 
 impl TheBox {
-    fn start(board: &Path, folder: &Path, cable: &Cable) -> Self {
+    pub fn start(board: &Path, folder: &Path, cable: &Cable) -> Self {
         let said = File::options().create(true).append(true).open(folder.join("box.txt")).unwrap();
         let mut command = command(board);
         command.args(["--config", "box.plb", "--replay", "trial.y4m"]);

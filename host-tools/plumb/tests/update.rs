@@ -7,12 +7,15 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use plumbline::packet::UpdateRefusal;
-use plumbline_stream::fixture::{Fate, UpdatedBox};
+use plumbline_stream::fixture::{Cable, Fate, UpdatedBox};
+use plumbline_test_support::serial_lines;
 use plumbline_update::header::{HEADER_BYTES, Header, KeyId, Text, slot_hash};
 use plumbline_update::sign::{SigningKey, signed};
 
 use crate::common::finished::{Finished, plumb};
 use crate::common::keys;
+use crate::live_box::{Bench, PAIR, board, recording};
+use crate::pair_live::TheBox;
 
 /// The slot of an update: 100 sectors, 230 parts.
 fn slot() -> Vec<u8> {
@@ -111,6 +114,25 @@ fn what_a_box_refuses_or_gives_up_is_said_with_its_reason() {
         says(&finished, 2, &parts);
         assert_eq!(updated_box.starts(), starts);
     }
+}
+
+/// The box's real program, over a cable.
+#[test]
+fn a_box_that_is_a_program_among_others_refuses_an_update_and_says_what_to_do() {
+    if !serial_lines() {
+        return;
+    }
+    let Some(board) = board() else { return };
+    let bench = Bench::new(PAIR);
+    bench.provision("--box box.toml --out box.plb").exits(0);
+    fs::write(bench.path("new.plu"), file()).unwrap();
+    fs::write(bench.path("trial.y4m"), recording(0.0)).unwrap();
+    let cable = Cable::new();
+    let _the_box = TheBox::start(&board, bench.folder.path(), &cable);
+    let arguments = ["update", "new.plu", "--serial", &cable.at_host];
+    let refused = plumb(bench.folder.path(), &arguments);
+    let version = concat!("the box runs ", env!("CARGO_PKG_VERSION"), "+");
+    says(&refused, 2, &[version, "updated as these are, with apt", "the box is as it was"]);
 }
 
 #[test]
