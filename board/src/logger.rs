@@ -94,6 +94,14 @@ impl<const N: usize> std::fmt::Write for Cut<N> {
     }
 }
 
+/// As much of a text as there is room for.
+pub fn cut<const N: usize>(text: impl std::fmt::Display) -> String<N> {
+    let mut cut = Cut::<N>::default();
+    // It never fails; text that does not fit is left out.
+    let _ = std::fmt::Write::write_fmt(&mut cut, format_args!("{text}"));
+    cut.text
+}
+
 static LOGGER: Logger = Logger::new();
 
 /// Makes this the program's logger; records of `level` and more severe ones are kept.

@@ -1,15 +1,14 @@
 //! A configuration that a host sends: assembled from its parts, checked as at a start, and
 //! stored.
 
-use std::fmt::Write as _;
-
 use heapless::Vec;
 use plumbline::config::{BLOB_BYTES_MAX, Config};
-use plumbline::packet::{Document, Part, REASON_BYTES_MAX, Refusal, ReplyOutcome};
+use plumbline::packet::{Document, Part, Refusal, ReplyOutcome};
 use plumbline::seal::ListenerId;
 
 use crate::config_store::ConfigStore;
 use crate::equipment::Equipment;
+use crate::logger;
 
 /// The parts received so far, and where the configuration will be stored.
 #[derive(Debug)]
@@ -91,15 +90,7 @@ impl Provisioning {
 
 /// A refusal with as much of its reason as there is room for.
 pub fn refused(refusal: Refusal, reason: impl std::fmt::Display) -> ReplyOutcome {
-    ReplyOutcome::Refused { refusal, reason: cut(reason) }
-}
-
-/// As much of a text as there is room for in a reply.
-pub fn cut(text: impl std::fmt::Display) -> heapless::String<REASON_BYTES_MAX> {
-    let mut cut = crate::logger::Cut::<REASON_BYTES_MAX>::default();
-    // It never fails; text that does not fit is left out.
-    let _ = write!(cut, "{text}");
-    cut.text
+    ReplyOutcome::Refused { refusal, reason: logger::cut(reason) }
 }
 
 #[cfg(test)]

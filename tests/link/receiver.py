@@ -7,9 +7,9 @@ from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey, X25519PublicKey
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
-VERSION, SCHEMA_HASH = 4, 0xB5919084  # of the link, and of the messages that this file decodes
+VERSION, SCHEMA_HASH = 4, 0xD7043A3D  # of the link, and of the messages that this file decodes
 ANNOUNCEMENT, GREETING, ANSWER, OPENING, ACCEPTANCE, CHANNEL, STREAM = range(1, 8)  # kinds
-POSE, COMMAND, REPLY, PING, RESEND, LEAVE, PONG, GONE, NOT_FOUND = 0, 4, 5, 0, 14, 17, 0, 3, 2
+POSE, COMMAND, REPLY, PING, RESEND, LEAVE, PONG, GONE, NOT_FOUND = 0, 4, 5, 0, 11, 14, 0, 3, 2
 GREETING_BYTES, CALLER_BYTES, EPOCH_PACKETS = 227, 38, 1 << 18
 ANSWER_S, PING_S, RESEND_S, SILENCE_S = 0.5, 0.4, 0.1, 3.0
 ROLES = ("upper", "lower", "scene")

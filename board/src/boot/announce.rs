@@ -9,11 +9,12 @@ use std::net::Ipv4Addr;
 use std::time::{Duration, Instant};
 
 use plumbline::config;
-use plumbline::packet::{Log, LogLevel, Message, Reply};
+use plumbline::packet::{Log, LogLevel, Message, Reply, UpdateRefusal, UpdateRequest, UpdateStep};
 use plumbline::seal::{ListenerId, StreamRing};
 
-use crate::link::{Identity, Links, MESSAGES_PER_TURN_MAX, Ports, SerialLink, UdpLink};
+use crate::link::{Identity, Links, MESSAGES_PER_TURN_MAX, Ports, Said, SerialLink, UdpLink};
 use crate::logger::pieces;
+use crate::update;
 
 /// The port on which hosts listen by default.
 const HOST_PORT: u16 = 4210;
@@ -66,12 +67,23 @@ impl Announcer {
         mut answer: impl FnMut(ListenerId, &Message) -> Option<Reply>,
     ) -> bool {
         let mut replies = heapless::Vec::<_, { 2 * MESSAGES_PER_TURN_MAX }>::new();
-        let arrivals = self.links.receive(|listener, message| {
-            if let Some(reply) = answer(listener, &message) {
-                // There is room for all of them.
-                let _ = replies.push((listener, reply));
+        let mut requests = heapless::Vec::<u16, { 2 * MESSAGES_PER_TURN_MAX }>::new();
+        let arrivals = self.links.receive(|said| match said {
+            Said::Message(listener, message) => {
+                if let Some(reply) = answer(listener, &message) {
+                    // There is room for all of them.
+                    let _ = replies.push((listener, reply));
+                }
             }
+            Said::Request(_, UpdateRequest { step: UpdateStep::Part { .. }, .. }) => {}
+            Said::Request(_, request) => drop(requests.push(request.id)),
         });
+        for id in requests {
+            let why =
+                "it tracks nothing, and takes a configuration first (`plumb provision --send`)";
+            let outcome = update::refused(UpdateRefusal::NotSupported, why);
+            self.links.reply_to_updater(id, outcome);
+        }
         for (listener, reply) in replies {
             self.links.send_to(listener, &Message::Reply(reply));
         }

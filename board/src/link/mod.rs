@@ -31,11 +31,13 @@ pub mod udp;
 use std::time::{Duration, Instant};
 
 use plumbline::packet::{
-    EncodeError, FRAME_BYTES_MAX, LINKS_MAX, LinkKind, Message, Start, encode_frame,
+    EncodeError, FRAME_BYTES_MAX, LINKS_MAX, LinkKind, Message, Start, UpdateOutcome, UpdateReply,
+    encode_frame,
 };
 use plumbline::seal::{BoxEnd, ListenerId, Peer, SEALED_BYTES_MAX, StreamRing};
 
 use crate::key_store::KeyStore;
+use crate::logger;
 use crate::machine::clock;
 use crate::random;
 use announcing::Announcing;
@@ -45,7 +47,7 @@ pub use identity::Identity;
 use one_way::OneWayLine;
 use pairing::PairingTime;
 pub use ports::Ports;
-pub use receiving::{Arrivals, MESSAGES_PER_TURN_MAX};
+pub use receiving::{Arrivals, MESSAGES_PER_TURN_MAX, Said};
 pub use serial::SerialLink;
 pub use udp::UdpLink;
 
@@ -176,6 +178,18 @@ impl Links {
         }
     }
 
+    /// Answers the program that updates the box, if it has not left: what came of its request of this
+    /// number.
+    pub fn reply_to_updater(&mut self, id: u16, outcome: UpdateOutcome) {
+        let version = logger::cut(crate::VERSION);
+        let reply = UpdateReply { id, version, outcome };
+        let mut buffer = [0; SEALED_BYTES_MAX];
+        if let Some(sealed) = self.end.seal_to_updater(&reply, &mut buffer) {
+            let (peer, packet) = whole(sealed);
+            self.ports.send(peer, packet);
+        }
+    }
+
     /// Whether a listener has not left.
     #[must_use]
     pub fn is_there(&self, listener: ListenerId) -> bool {
@@ -192,6 +206,12 @@ impl Links {
     #[must_use]
     pub fn is_recorded(&self) -> bool {
         self.end.recorder().is_some()
+    }
+
+    /// The name of the listener that records a trial.
+    #[must_use]
+    pub fn recorder(&self) -> Option<&str> {
+        self.end.recorder().map(|caller| caller.name.as_str())
     }
 
     /// Whether one more packet to this listener leaves enough room for those that follow.
@@ -227,7 +247,7 @@ impl Links {
             && quiet_since.elapsed() < ASKS_WITHIN
             && Instant::now() < end
         {
-            if self.receive(|_, _| {}).is_asked_again {
+            if self.receive(|_| {}).is_asked_again {
                 quiet_since = Instant::now();
             }
             self.service();

@@ -5,9 +5,10 @@
 
 use std::time::{Duration, Instant};
 
-use plumbline::packet::{Message, Reply};
+use plumbline::packet::{Message, Reply, UpdateRequest, UpdateStep};
 use plumbline::seal::{
     BoxEnd, Heard, Key, ListenerId, Paired, Peer, SEALED_BYTES_MAX, SEALED_FRAME_BYTES_MAX,
+    UpdaterId,
 };
 
 use super::udp::DATAGRAM_BYTES_MAX;
@@ -35,6 +36,16 @@ const ANSWERS_PER_TURN_MAX: usize = 128;
 /// The longest time for reading in one turn: a quarter of a frame at 60 Hz.
 const TIME_PER_TURN_MAX: Duration = Duration::from_millis(4);
 
+/// What a host with the box's key says, and the link does not answer by itself.
+#[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "it is handed over at once, and never kept")]
+pub enum Said {
+    /// A listener says this.
+    Message(ListenerId, Message),
+    /// The program that updates the box asks this.
+    Request(UpdaterId, UpdateRequest),
+}
+
 /// What else has happened while messages came.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Arrivals {
@@ -50,10 +61,10 @@ pub struct Arrivals {
 }
 
 impl Arrivals {
-    /// Whether a host has said anything that was answered, or acted on.
+    /// Whether a host with the box's key has said anything.
     #[must_use]
     pub fn is_heard(&self) -> bool {
-        self.messages + self.parts + self.answers > 0
+        self.messages + self.parts > 0
     }
 
     /// Whether the others must wait for the next turn.
@@ -63,9 +74,8 @@ impl Arrivals {
 }
 
 impl Links {
-    /// Passes on the messages from hosts received since the last call, except what the link itself
-    /// answers.
-    pub fn receive(&mut self, mut take: impl FnMut(ListenerId, Message)) -> Arrivals {
+    /// Passes on what hosts have said since the last call, except what the link itself answers.
+    pub fn receive(&mut self, mut take: impl FnMut(Said)) -> Arrivals {
         let mut arrivals = Arrivals::default();
         let give_up = Instant::now() + TIME_PER_TURN_MAX;
         let mut datagram = [0; DATAGRAM_BYTES_MAX];
@@ -103,7 +113,7 @@ impl Links {
         from: Peer,
         packet: &[u8],
         arrivals: &mut Arrivals,
-        take: &mut impl FnMut(ListenerId, Message),
+        take: &mut impl FnMut(Said),
     ) {
         let now_ns = clock::monotonic_ns();
         let mut answer = [0; SEALED_BYTES_MAX];
@@ -126,6 +136,13 @@ impl Links {
                 }
                 self.take(listener, message, now_ns, arrivals, take);
             }
+            Heard::Update { updater, request } => {
+                match request.step {
+                    UpdateStep::Part { .. } => arrivals.parts += 1,
+                    _ => arrivals.messages += 1,
+                }
+                take(Said::Request(updater, request));
+            }
             Heard::Left => {
                 // As cheap as they are, a program that joins and leaves again and again gets no more
                 // of a turn than others.
@@ -142,10 +159,10 @@ impl Links {
         message: Message,
         now_ns: u64,
         arrivals: &mut Arrivals,
-        take: &mut impl FnMut(ListenerId, Message),
+        take: &mut impl FnMut(Said),
     ) {
         let Message::Command(command) = &message else {
-            take(listener, message);
+            take(Said::Message(listener, message));
             return;
         };
         match self.answer(listener, command, now_ns) {
@@ -154,7 +171,7 @@ impl Links {
                 self.send_to(listener, &reply);
             }
             requests::Answer::Silent => arrivals.is_asked_again = true,
-            requests::Answer::Elsewhere => take(listener, message),
+            requests::Answer::Elsewhere => take(Said::Message(listener, message)),
         }
     }
 

@@ -62,15 +62,6 @@ impl Session {
             Action::Expose { exposure_us, gain } => {
                 self.expose(Exposure { exposure_us, gain }, source)
             }
-            Action::BeginUpdate => {
-                self.counters.forget_allocations();
-                self.updates.begin(listener)
-            }
-            Action::QueryUpdate if self.updates.is_receiving() && self.links.is_recorded() => {
-                refused(Refusal::Recording, "send the update again when the trial is over")
-            }
-            Action::QueryUpdate => self.updates.query(),
-            Action::TryUpdate => self.updates.try_it(),
             Action::Reboot if self.may_reboot => {
                 log::warn!("restarting: the host has asked for it");
                 self.reboot = true;
@@ -95,9 +86,6 @@ impl Session {
         offset: u32,
         bytes: u32,
     ) -> ReplyOutcome {
-        if document == Document::Update {
-            return refused(Refusal::NotSupported, "an update is not sent back");
-        }
         if let Document::Picture(number) = document {
             if !self.aim.is_on(listener) {
                 return refused(Refusal::NotAiming, "");

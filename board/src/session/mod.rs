@@ -19,13 +19,13 @@ use std::time::{Duration, Instant};
 use plumbline::config::{BLOB_BYTES_MAX, Capture, Config};
 use plumbline::packet::{
     CameraState, Command, Document, Hello, Message, PosePacket, Reply, ResetReason, TargetInfo,
-    View,
+    UpdateOutcome, UpdateRequest, View,
 };
 use plumbline::pipeline::Pipeline;
-use plumbline::seal::{LISTENERS_MAX, ListenerId};
+use plumbline::seal::{CALLER_NAME_BYTES_MAX, LISTENERS_MAX, ListenerId};
 
 use crate::config_store::ConfigStore;
-use crate::link::{Links, MESSAGES_PER_TURN_MAX};
+use crate::link::{Links, MESSAGES_PER_TURN_MAX, Said};
 use crate::logger;
 use crate::machine::watchdog::Watchdog;
 use crate::provisioning::Provisioning;
@@ -318,18 +318,25 @@ impl Session {
     fn serve_links(&mut self, source: &mut impl FrameSource) {
         self.send_logs();
         let mut commands = heapless::Vec::<(ListenerId, Command), COMMANDS_PER_TURN_MAX>::new();
-        let is_recorded = self.links.is_recorded();
-        let arrivals = self.links.receive(|listener, message| match message {
+        let mut replies = heapless::Vec::<(u16, UpdateOutcome), COMMANDS_PER_TURN_MAX>::new();
+        let recorder: Option<heapless::String<CALLER_NAME_BYTES_MAX>> =
+            self.links.recorder().map(logger::cut);
+        let arrivals = self.links.receive(|said| match said {
             // There is room for all of them.
-            Message::Command(command) => drop(commands.push((listener, command))),
-            Message::Part(part) => match part.document {
-                // A trial is not to be disturbed by a card that is busy.
-                Document::Update if is_recorded => {}
-                Document::Update => self.updates.take(listener, &part),
-                Document::Config | Document::Picture(_) => self.provisioning.take(listener, &part),
-            },
-            _ => {}
+            Said::Message(listener, Message::Command(command)) => {
+                let _ = commands.push((listener, command));
+            }
+            Said::Message(listener, Message::Part(part)) => self.provisioning.take(listener, &part),
+            Said::Message(..) => {}
+            Said::Request(updater, UpdateRequest { id, step }) => {
+                if let Some(outcome) = self.updates.answer(updater, step, recorder.as_deref()) {
+                    let _ = replies.push((id, outcome));
+                }
+            }
         });
+        for (id, outcome) in replies {
+            self.links.reply_to_updater(id, outcome);
+        }
         if self.updates.look_after(self.counters.frames, arrivals.is_heard()) {
             self.counters.forget_allocations();
         }
@@ -353,7 +360,6 @@ impl Session {
         let file = |document| match document {
             Document::Config => Some(&self.blob[..]),
             Document::Picture(number) => self.aim.file(number),
-            Document::Update => None,
         };
         self.outgoing.serve(&mut self.links, file);
         self.links.service();

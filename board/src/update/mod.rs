@@ -3,7 +3,7 @@
 //! ```text
 //! slots     which slots there are, which one runs          note     what is remembered across starts
 //! writer    writes the idle slot and reads it back         trial    what a new program must show
-//! disk      a partition without its file system
+//! disk      a partition without its file system            answers   what a host is answered
 //! ```
 //!
 //! What an update is, and why a power cut at any time leaves a box that starts, is in
@@ -11,6 +11,7 @@
 //! from there. Nothing is written before the head of the update has shown that the owner of one of the
 //! box's update keys has made it for this board, and nothing at all while somebody records a trial.
 
+mod answers;
 mod disk;
 mod note;
 mod slots;
@@ -23,13 +24,14 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
 use heapless::Vec;
-use plumbline::packet::{Document, Part, Refusal, ReplyOutcome, UpdateState};
-use plumbline::seal::ListenerId;
+use plumbline::packet::{UpdateOutcome, UpdateRefusal, UpdateState};
+use plumbline::seal::UpdaterId;
 use plumbline_update::header::{self, HEADER_BYTES, Header, VerifyingKey};
 use plumbline_update::release::OLDEST_ALLOWED;
 
 use crate::machine::read_only_partition::ReadOnlyPartition;
-use crate::provisioning::{cut, refused};
+use answers::at;
+pub use answers::refused;
 use disk::{BLOCK_BYTES, Block};
 use note::{Fate, Note, NoteStore, Update};
 use slots::Slots;
@@ -61,7 +63,7 @@ pub struct Updates {
     card: Result<Card, String>,
     state: State,
     /// Whose parts they are.
-    sender: Option<ListenerId>,
+    sender: Option<UpdaterId>,
     trial: Option<Trial>,
     /// What became of the last update, as this start knows it.
     last: Option<Note>,
@@ -90,6 +92,8 @@ enum State {
 /// An update whose parts come.
 #[derive(Debug)]
 struct Receiving {
+    /// Even while somebody records a trial.
+    is_forced: bool,
     head: Vec<u8, HEADER_BYTES>,
     /// What the head says, once it has come.
     header: Option<Header>,
@@ -177,9 +181,13 @@ impl Updates {
     }
 
     /// Whether parts are waited for.
-    #[must_use]
-    pub fn is_receiving(&self) -> bool {
+    fn is_receiving(&self) -> bool {
         matches!(self.state, State::Receiving(_))
+    }
+
+    /// Whether they are taken even while somebody records a trial.
+    fn receives_by_force(&self) -> bool {
+        matches!(&self.state, State::Receiving(receiving) if receiving.is_forced)
     }
 
     /// Looks how far everything is; returns whether that took memory.
@@ -245,13 +253,14 @@ impl Updates {
     }
 
     /// Forgets what has come, and takes another update from this listener.
-    pub fn begin(&mut self, sender: ListenerId) -> ReplyOutcome {
+    fn begin(&mut self, sender: UpdaterId, is_forced: bool) -> UpdateOutcome {
         let card = match &self.card {
             Ok(card) => card,
-            Err(why) => return refused(Refusal::NotSupported, why),
+            Err(why) => return refused(UpdateRefusal::NotSupported, why),
         };
         if card.slots.is_on_trial {
-            return refused(Refusal::Busy, "the last update has not shown yet that it works");
+            let why = "the last update has not shown yet that it works";
+            return refused(UpdateRefusal::Busy, why);
         }
         // The one before ends first: two must not write to the same slot.
         if matches!(self.state, State::Receiving(_) | State::Checking { .. }) {
@@ -260,22 +269,21 @@ impl Updates {
         match Writer::start(card.slots.idle()) {
             Ok(writer) => {
                 self.sender = Some(sender);
-                self.state = State::Receiving(Box::new(Receiving::from(writer)));
-                ReplyOutcome::Accepted
+                self.state = State::Receiving(Box::new(Receiving::new(writer, is_forced)));
+                self.query()
             }
-            Err(error) => refused(Refusal::NotStored, format_args!("{error:#}")),
+            Err(error) => refused(UpdateRefusal::NotStored, format_args!("{error:#}")),
         }
     }
 
     /// Takes a part of an update. One that leaves a gap, or for which there is no room yet, is
     /// ignored: the host asks how far it is, and sends from there again.
-    pub fn take(&mut self, sender: ListenerId, part: &Part) {
+    fn take(&mut self, sender: UpdaterId, offset: u32, bytes: &[u8]) {
         let (Ok(card), State::Receiving(receiving)) = (&self.card, &mut self.state) else { return };
-        let is_next = part.document == Document::Update && part.offset == receiving.next();
-        if self.sender != Some(sender) || !is_next {
+        if self.sender != Some(sender) || offset != receiving.next() {
             return;
         }
-        match receiving.take(&part.bytes, card) {
+        match receiving.take(bytes, card) {
             Ok(false) => {}
             Ok(true) => {
                 let state = std::mem::replace(&mut self.state, State::Idle);
@@ -288,10 +296,9 @@ impl Updates {
     }
 
     /// How far it is.
-    #[must_use]
-    pub fn query(&self) -> ReplyOutcome {
+    fn query(&self) -> UpdateOutcome {
         let (state, text) = match (&self.card, &self.trial, &self.state) {
-            (Err(why), ..) => return refused(Refusal::NotSupported, why),
+            (Err(why), ..) => return refused(UpdateRefusal::NotSupported, why),
             (_, Some(trial), _) => (UpdateState::OnTrial, trial.to_string()),
             (.., State::Receiving(receiving)) => {
                 (UpdateState::Receiving { next: receiving.next() }, String::new())
@@ -307,24 +314,25 @@ impl Updates {
                 Some(Note { update, .. }) => (UpdateState::Installed, update.to_string()),
             },
         };
-        ReplyOutcome::Update { state, text: cut(text) }
+        at(state, text)
     }
 
     /// Has the session end, so that the update is tried.
-    pub fn try_it(&mut self) -> ReplyOutcome {
+    fn try_it(&mut self) -> UpdateOutcome {
         let (Ok(card), State::Ready(header)) = (&self.card, &self.state) else {
-            return refused(Refusal::Incomplete { from: 0 }, "no update is ready");
+            return refused(UpdateRefusal::NotReady, "no update is ready");
         };
         let update = Update::of(header, card.slots.running.other());
+        let words = update.to_string();
         let note = Note { update, fate: Fate::Trying };
         if let Err(error) = card.notes.keep(&note) {
             // Nobody could say afterwards what has become of it.
-            return refused(Refusal::NotStored, format_args!("{error:#}"));
+            return refused(UpdateRefusal::NotStored, format_args!("{error:#}"));
         }
-        log::warn!("restarting with the update to {update}, to see whether it works");
+        log::warn!("restarting with the update to {words}, to see whether it works");
         self.last = Some(note);
         self.leave = Some(Leave::ToTry);
-        ReplyOutcome::Accepted
+        at(UpdateState::Restarting, words)
     }
 }
 
@@ -379,13 +387,12 @@ fn keys(path: &Path) -> Result<std::vec::Vec<VerifyingKey>> {
     Ok(keys)
 }
 
-impl From<Writer> for Receiving {
-    fn from(writer: Writer) -> Self {
-        Self { head: Vec::new(), header: None, written: 0, block: None, filled: 0, writer }
-    }
-}
-
 impl Receiving {
+    fn new(writer: Writer, is_forced: bool) -> Self {
+        let head = Vec::new();
+        Self { is_forced, head, header: None, written: 0, block: None, filled: 0, writer }
+    }
+
     /// Where in the update the first missing byte is.
     fn next(&self) -> u32 {
         // A head and a slot are less than 4 GiB.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::thread::sleep;
 use std::time::Duration;
 
-use plumbline::packet::PART_BYTES_MAX;
+use plumbline::packet::{UPDATE_PART_BYTES_MAX, UpdateStep};
 use plumbline_update::card::{SECTOR_BYTES, Slot};
 use plumbline_update::header::{KeyId, Text, slot_hash};
 use plumbline_update::sign::{SigningKey, signed};
@@ -13,7 +13,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
-use crate::test_listeners::listened_to;
+
+/// The program that updates the box.
+const HOST: UpdaterId = UpdaterId(1);
 
 /// Blocks in the slot that is sent, and a sector.
 const SLOT: usize = 5 * BLOCK_BYTES + SECTOR_BYTES;
@@ -97,27 +99,24 @@ fn file(header: &Header, slot: &[u8]) -> std::vec::Vec<u8> {
 
 fn state(updates: &Updates) -> (UpdateState, String) {
     match updates.query() {
-        ReplyOutcome::Update { state, text } => (state, text.as_str().to_owned()),
+        UpdateOutcome::State { state, text } => (state, text.as_str().to_owned()),
         other => panic!("{other:?}"),
     }
 }
 
-fn part(offset: usize, bytes: &[u8]) -> Part {
-    let bytes = bytes.iter().copied().collect();
-    Part { document: Document::Update, offset: offset as u32, bytes }
-}
-
 /// Sends an update as a host does, over a link that loses every tenth part.
-fn send(updates: &mut Updates, sender: ListenerId, file: &[u8]) -> (UpdateState, String) {
+fn send(updates: &mut Updates, sender: UpdaterId, file: &[u8]) -> (UpdateState, String) {
     let mut random = ChaCha8Rng::seed_from_u64(1);
-    assert_eq!(updates.begin(sender), ReplyOutcome::Accepted);
+    let begun = updates.begin(sender, false);
+    let empty = UpdateState::Receiving { next: 0 };
+    assert!(matches!(begun, UpdateOutcome::State { state, .. } if state == empty));
     for _ in 0..100_000 {
         updates.look_after(0, false);
         let UpdateState::Receiving { next } = state(updates).0 else { break };
         let from = next as usize;
-        for (index, bytes) in file[from..].chunks(PART_BYTES_MAX).take(500).enumerate() {
+        for (index, bytes) in file[from..].chunks(UPDATE_PART_BYTES_MAX).take(500).enumerate() {
             if !random.random_bool(0.1) {
-                updates.take(sender, &part(from + index * PART_BYTES_MAX, bytes));
+                updates.take(sender, (from + index * UPDATE_PART_BYTES_MAX) as u32, bytes);
             }
         }
     }
@@ -133,7 +132,7 @@ fn send(updates: &mut Updates, sender: ListenerId, file: &[u8]) -> (UpdateState,
 
 #[test]
 fn an_update_is_sent_tried_and_stays() {
-    let (_, [host, _]) = listened_to();
+    let host = HOST;
     let mut bench = Bench::new();
     let mut old = bench.start();
     assert_eq!(state(&old), (UpdateState::None, String::new()));
@@ -143,13 +142,16 @@ fn an_update_is_sent_tried_and_stays() {
     assert_eq!(fs::read(bench.path("a")).unwrap(), before);
     assert_eq!(fs::read(bench.path("chooser")).unwrap(), chooser::sector(Slot::A));
     assert!(fs::read(bench.path("b")).unwrap().starts_with(&slot()));
-    assert_eq!(old.try_it(), ReplyOutcome::Accepted);
+    assert!(matches!(old.try_it(), UpdateOutcome::State { state: UpdateState::Restarting, .. }));
 
     let mut new = bench.restart(&old);
     let (now, text) = state(&new);
     assert!(now == UpdateState::OnTrial && text.contains("0 of 30 frames"), "{text}");
     // Nobody replaces what has yet to show that it works, nor what it would go back to.
-    assert!(matches!(new.begin(host), ReplyOutcome::Refused { refusal: Refusal::Busy, .. }));
+    assert!(matches!(
+        new.begin(host, false),
+        UpdateOutcome::Refused { refusal: UpdateRefusal::Busy, .. }
+    ));
     new.look_after(29, true);
     assert_eq!(state(&new).0, UpdateState::OnTrial);
     new.look_after(30, false);
@@ -166,7 +168,7 @@ fn an_update_is_sent_tried_and_stays() {
 
 #[test]
 fn a_trial_that_fails_hangs_or_loses_power_leads_back_and_the_box_says_why() {
-    let (_, [host, _]) = listened_to();
+    let host = HOST;
     for (fails, words) in [
         (true, "version 0.2.0 (0123456789ab): the camera is broken"),
         (false, "it never came to say that it works"),
@@ -225,7 +227,7 @@ fn slot_of_card() -> std::vec::Vec<u8> {
 
 #[test]
 fn power_cut_between_the_chooser_and_the_note_is_an_installed_update() {
-    let (_, [host, _]) = listened_to();
+    let host = HOST;
     let mut bench = Bench::new();
     let mut old = bench.start();
     send(&mut old, host, &file(&header(), &slot()));
@@ -237,7 +239,7 @@ fn power_cut_between_the_chooser_and_the_note_is_an_installed_update() {
 
 #[test]
 fn what_is_not_signed_for_this_box_is_refused_before_anything_is_written() {
-    let (_, [host, _]) = listened_to();
+    let host = HOST;
     let sound = header();
     let forged = |change: &dyn Fn(&mut std::vec::Vec<u8>)| {
         let mut file = file(&sound, &slot());
@@ -261,47 +263,47 @@ fn what_is_not_signed_for_this_box_is_refused_before_anything_is_written() {
         let (now, text) = send(&mut updates, host, &file);
         assert!(now == UpdateState::Unusable && text.contains(words), "{words}: {text}");
         assert_eq!(fs::read(bench.path("b")).unwrap(), before, "{words}");
-        assert!(matches!(updates.try_it(), ReplyOutcome::Refused { .. }));
+        assert!(matches!(updates.try_it(), UpdateOutcome::Refused { .. }));
         assert_eq!(updates.leave(), None);
     }
 }
 
 #[test]
 fn a_slot_that_is_not_what_was_signed_is_never_tried() {
-    let (_, [host, _]) = listened_to();
+    let host = HOST;
     let mut damaged = slot();
     damaged[SLOT - 1] ^= 1;
     let mut bench = Bench::new();
     let mut updates = bench.start();
     let (now, text) = send(&mut updates, host, &file(&header(), &damaged));
     assert!(now == UpdateState::Unusable && text.contains("not what was signed"), "{text}");
-    assert!(matches!(updates.try_it(), ReplyOutcome::Refused { .. }));
+    assert!(matches!(updates.try_it(), UpdateOutcome::Refused { .. }));
 }
 
 #[test]
 fn parts_of_two_hosts_are_not_mixed_and_what_was_begun_can_be_begun_again() {
-    let (_, [one, other]) = listened_to();
+    let (one, other) = (HOST, UpdaterId(2));
     let file = file(&header(), &slot());
     let mut bench = Bench::new();
     let mut updates = bench.start();
-    updates.begin(one);
-    updates.take(other, &part(0, &file[..100]));
+    updates.begin(one, false);
+    updates.take(other, 0, &file[..100]);
     assert_eq!(state(&updates).0, UpdateState::Receiving { next: 0 });
-    updates.take(one, &part(0, &file[..100]));
-    updates.take(one, &part(101, &file[101..200]));
-    updates.take(one, &part(0, &file[..100]));
+    updates.take(one, 0, &file[..100]);
+    updates.take(one, 101, &file[101..200]);
+    updates.take(one, 0, &file[..100]);
     assert_eq!(state(&updates).0, UpdateState::Receiving { next: 100 });
-    assert!(matches!(updates.try_it(), ReplyOutcome::Refused { .. }));
+    assert!(matches!(updates.try_it(), UpdateOutcome::Refused { .. }));
     assert_eq!(send(&mut updates, other, &file).0, UpdateState::Ready);
 }
 
 #[test]
 fn a_computer_that_is_no_box_of_its_own_says_how_it_is_updated() {
-    let (_, [host, _]) = listened_to();
+    let host = HOST;
     let mut updates = Updates::impossible("use apt");
-    for outcome in [updates.begin(host), updates.query()] {
-        let ReplyOutcome::Refused { refusal, reason } = outcome else { panic!("{outcome:?}") };
-        assert_eq!((refusal, reason.as_str()), (Refusal::NotSupported, "use apt"));
+    for outcome in [updates.begin(host, false), updates.query()] {
+        let UpdateOutcome::Refused { refusal, text } = outcome else { panic!("{outcome:?}") };
+        assert_eq!((refusal, text.as_str()), (UpdateRefusal::NotSupported, "use apt"));
     }
 }
 
@@ -323,4 +325,45 @@ fn keys_are_whole_and_there_is_one() {
     assert!(words(Path::new("/nowhere")).contains("--update-key"));
     fs::write(file.path(), key(1).verifying_key().to_bytes()).unwrap();
     assert_eq!(keys(file.path()).unwrap(), [key(1).verifying_key()]);
+}
+
+/// A card that is busy may disturb a trial: whoever sends an update waits until it is over.
+#[test]
+fn while_a_trial_is_recorded_an_update_waits_unless_it_is_forced() {
+    let mut bench = Bench::new();
+    let mut updates = bench.start();
+    let file = file(&header(), &slot());
+    let part = |at: usize| UpdateStep::Part {
+        offset: at as u32,
+        bytes: file[at..at + 100].iter().copied().collect(),
+    };
+    let is_refused = |outcome: Option<UpdateOutcome>| {
+        let Some(UpdateOutcome::Refused { refusal, text }) = outcome else { return false };
+        refusal == UpdateRefusal::Recording && text.contains("desk of ward 3")
+    };
+    let recorder = Some("desk of ward 3");
+    let [begin, by_force] = [false, true].map(|is_forced| UpdateStep::Begin { is_forced });
+    assert!(is_refused(updates.answer(HOST, begin.clone(), recorder)));
+    assert_eq!(state(&updates).0, UpdateState::None);
+    // What has become of the last one may be asked.
+    assert!(!is_refused(updates.answer(HOST, UpdateStep::Query, recorder)));
+
+    updates.answer(HOST, begin, None);
+    assert_eq!(updates.answer(HOST, part(0), None), None);
+    // Somebody begins to record: nothing more is taken, and the host is told to wait.
+    assert_eq!(updates.answer(HOST, part(100), recorder), None);
+    assert!(is_refused(updates.answer(HOST, UpdateStep::Query, recorder)));
+    assert_eq!(state(&updates).0, UpdateState::Receiving { next: 100 });
+    // Afterwards it goes on from where it was.
+    assert_eq!(updates.answer(HOST, part(100), None), None);
+    assert_eq!(state(&updates).0, UpdateState::Receiving { next: 200 });
+
+    updates.answer(HOST, by_force, recorder);
+    assert_eq!(updates.answer(HOST, part(0), recorder), None);
+    assert_eq!(state(&updates).0, UpdateState::Receiving { next: 100 });
+    assert_eq!(send(&mut updates, HOST, &file).0, UpdateState::Ready);
+    assert!(is_refused(updates.answer(HOST, UpdateStep::Try { is_forced: false }, recorder)));
+    assert_eq!(updates.leave(), None);
+    updates.answer(HOST, UpdateStep::Try { is_forced: true }, recorder);
+    assert_eq!(updates.leave(), Some(Leave::ToTry));
 }

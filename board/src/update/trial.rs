@@ -5,10 +5,10 @@
 //! | the processor, its arithmetic, every buffer | a known picture through the pipeline, before the session |
 //! | the keys | the box's key has been read from the card |
 //! | the camera | [`FRAMES`] frames have been processed |
-//! | the link | a host with the box's key listens, or has asked who the box is and been answered |
+//! | the link | a host with the box's key has said something |
 //!
-//! A host of another release cannot join, because the messages of the new program are other ones; that
-//! its greeting came and was answered shows the link nevertheless.
+//! A host of another release cannot listen, because the messages of the new program are other ones; the
+//! one that has sent the update asks what becomes of it with messages that are the same in all releases.
 
 use std::fmt;
 use std::time::{Duration, Instant};

@@ -7,6 +7,7 @@ use plumbline::seal::KeyId;
 use plumbline_files::BadInput;
 use plumbline_stream::link::{BoxLink, PORT};
 use plumbline_stream::transport::{Carrier, KnownBox, Link, Memory, Serial, Transport, Udp};
+use plumbline_stream::update_link::UpdateLink;
 
 use crate::keys::Store;
 
@@ -65,12 +66,35 @@ impl Way {
     ) -> Result<BoxLink, BadInput> {
         let store = Store::open()?;
         let boxes = self.boxes(&store, &mut warn)?;
+        let (carrier, place, kind) = self.carrier(&boxes)?;
         let memory = Box::new(Noted { store, warn });
-        let (transport, place, kind) = match &self.carried {
+        Ok(BoxLink::new(calling(carrier, boxes, program, memory, past), place, kind))
+    }
+
+    /// The same to update the box, of whatever release it is.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn open_for_update(
+        &self,
+        program: &str,
+        mut warn: impl FnMut(&str) + 'static,
+    ) -> Result<UpdateLink, BadInput> {
+        let store = Store::open()?;
+        let boxes = self.boxes(&store, &mut warn)?;
+        let (carrier, place, kind) = self.carrier(&boxes)?;
+        let memory = Box::new(Noted { store, warn });
+        Ok(UpdateLink::new(carrier, place, kind, boxes, program, memory))
+    }
+
+    /// What carries the packets, its name in messages, and its kind.
+    fn carrier(
+        &self,
+        boxes: &[KnownBox],
+    ) -> Result<(Box<dyn Carrier>, String, LinkKind), BadInput> {
+        Ok(match &self.carried {
             Carried::Serial { device, baud } => {
-                let serial = Serial::open(device, *baud)?;
-                let transport = calling(serial, boxes, program, memory, past);
-                (transport, device.clone(), LinkKind::Serial)
+                (Box::new(Serial::open(device, *baud)?), device.clone(), LinkKind::Serial)
             }
             Carried::Udp(wanted) => {
                 let address = wanted.unwrap_or((Ipv4Addr::UNSPECIFIED, PORT).into());
@@ -82,11 +106,9 @@ impl Way {
                     }
                     udp => udp,
                 }?;
-                let transport = calling(udp, boxes, program, memory, past);
-                (transport, format!("UDP {address}"), LinkKind::Udp)
+                (Box::new(udp), format!("UDP {address}"), LinkKind::Udp)
             }
-        };
-        Ok(BoxLink::new(transport, place, kind))
+        })
     }
 
     /// The same through a socket that is open already, whatever carries the packets by itself.

@@ -10,22 +10,21 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use plumbline::packet::{Action, Document, Hello, PART_BYTES_MAX, ReplyOutcome, UpdateState};
+use plumbline::packet::{Start, UpdateOutcome, UpdateRefusal, UpdateState, UpdateStep};
 use plumbline_files::{BadInput, bytes_of};
-use plumbline_stream::link::BoxLink;
+use plumbline_stream::update_link::{Answer, UpdateLink};
 use plumbline_update::header::{HEADER_BYTES, Header, slot_hash};
 
-use crate::delivery::greet;
 use crate::told::{Tell, Told, waiting};
-
-/// Parts that are under way at once: few enough for the box's socket.
-const PARTS: usize = 128;
 
 /// For so many answers in a row nothing may have arrived.
 const BARREN_MAX: usize = 50;
 
 /// Between two questions while the box is busy by itself.
 const PAUSE: Duration = Duration::from_millis(500);
+
+/// Nobody waits longer than this for trials to be over.
+const RECORDED_FOR: Duration = Duration::from_secs(12 * 3600);
 
 /// The slowest card gives an update back in less.
 const CHECKED_WITHIN: Duration = Duration::from_secs(180);
@@ -88,148 +87,201 @@ impl std::fmt::Display for UpdateFile {
     }
 }
 
-/// Sends an update to the box that is heard, which tries it and keeps it if it works; returns what it
-/// runs then. `progress` is told how many bytes have arrived.
+/// Sends an update to the box that is heard, which tries it and keeps it if it works; returns the
+/// version of what it runs then. `progress` is told how many bytes have arrived.
 ///
-/// `force` does it even while somebody records a trial, which it spoils.
+/// While somebody records a trial it waits, unless `force` has it spoil the trial.
 ///
 /// # Errors
 /// When the box refuses it, does not answer, or has tried it and gone back.
 pub fn install(
-    link: &mut BoxLink,
+    link: &mut UpdateLink,
     update: &UpdateFile,
     force: bool,
     progress: &mut dyn FnMut(usize),
     tell: &mut Tell<'_>,
-) -> Result<Hello, BadInput> {
-    if force {
-        link.force();
-    }
-    let before = greet(link, tell)?;
-    link.request(Action::BeginUpdate, "the update")?;
-    send(link, update, progress)?;
-    waiting(tell, "the box reads it back from its card", || wait_until_ready(link, update))?;
-    link.request(Action::TryUpdate, "to try the update")?;
-    tell(Told::Note("the box restarts with it, and keeps it if it works".into()));
-    waiting(tell, "waiting until the box has shown that it works", || {
-        wait_until_decided(link, update, &before)
-    })
+) -> Result<String, BadInput> {
+    let heard = format!("listening at {}", link.place());
+    let before = waiting(tell, heard, || link.ask(&UpdateStep::Query))?;
+    tell(Told::Note(format!("{}: the box runs {}", link.place(), before.version)));
+    let mut dialogue = Dialogue { link, update, tell };
+    dialogue.ask(&UpdateStep::Begin { is_forced: force })?;
+    dialogue.send(progress)?;
+    dialogue.wait_until_ready()?;
+    dialogue.start_trial(force)?;
+    dialogue.wait_until_decided(before.start)
 }
 
-/// Sends the parts, as fast as the box takes them.
-fn send(
-    link: &mut BoxLink,
-    update: &UpdateFile,
-    progress: &mut dyn FnMut(usize),
-) -> Result<(), BadInput> {
-    let (mut from, mut barren) = (0, 0);
-    while barren < BARREN_MAX {
-        let end = (from + PARTS * PART_BYTES_MAX).min(update.bytes.len());
-        link.send_parts(Document::Update, from, &update.bytes[from..end]);
-        match state(link)? {
-            (UpdateState::Receiving { next }, _) => {
-                let next = (next as usize).min(update.bytes.len());
-                barren = if next > from { 0 } else { barren + 1 };
-                from = next;
-                progress(from);
+/// What is said about an update, until it is decided.
+struct Dialogue<'a, 'b> {
+    link: &'a mut UpdateLink,
+    update: &'a UpdateFile,
+    tell: &'a mut Tell<'b>,
+}
+
+impl Dialogue<'_, '_> {
+    /// Asks for a step, as soon as nobody records a trial that it would disturb; how far the update is
+    /// then, and the same in words.
+    fn ask(&mut self, step: &UpdateStep) -> Result<(UpdateState, String), BadInput> {
+        match self.link.ask(step)?.outcome {
+            UpdateOutcome::State { state, text } => return Ok((state, text.as_str().to_owned())),
+            UpdateOutcome::Refused { refusal: UpdateRefusal::Recording, text } => {
+                self.tell(Told::Waiting(format!("{text}: waiting until it is over")));
             }
-            (UpdateState::Checking | UpdateState::Ready, _) => {
-                progress(update.bytes.len());
-                return Ok(());
+            UpdateOutcome::Refused { text, .. } => return Err(self.refused(&text)),
+        }
+        let over = self.ask_until_over(step);
+        self.tell(Told::Done);
+        over
+    }
+
+    fn ask_until_over(&mut self, step: &UpdateStep) -> Result<(UpdateState, String), BadInput> {
+        let give_up = Instant::now() + RECORDED_FOR;
+        while Instant::now() < give_up {
+            self.link.wait(PAUSE)?;
+            match self.link.ask(step)?.outcome {
+                UpdateOutcome::State { state, text } => {
+                    return Ok((state, text.as_str().to_owned()));
+                }
+                UpdateOutcome::Refused { refusal: UpdateRefusal::Recording, .. } => {}
+                UpdateOutcome::Refused { text, .. } => return Err(self.refused(&text)),
             }
-            (UpdateState::Unusable, why) => return Err(refused(link, update, &why)),
-            other => return Err(disturbed(link, &other)),
         }
+        Err(BadInput::whole(
+            self.link.place(),
+            format!("trials have been recorded for {} hours", RECORDED_FOR.as_secs() / 3600),
+            "send the update when nobody records; --force sends it all the same, and spoils the trial",
+        ))
     }
-    Err(BadInput::whole(
-        link.place(),
-        "the parts of the update no longer arrive",
-        "check the link with `plumb doctor`, and send it again; the box is as it was",
-    ))
-}
 
-fn wait_until_ready(link: &mut BoxLink, update: &UpdateFile) -> Result<(), BadInput> {
-    let give_up = Instant::now() + CHECKED_WITHIN;
-    while Instant::now() < give_up {
-        match state(link)? {
-            (UpdateState::Ready, _) => return Ok(()),
-            (UpdateState::Checking, _) => listen(link, PAUSE)?,
-            (UpdateState::Unusable, why) => return Err(refused(link, update, &why)),
-            other => return Err(disturbed(link, &other)),
-        }
-    }
-    Err(BadInput::whole(
-        link.place(),
-        format!("the box has not read the update back in {} s", CHECKED_WITHIN.as_secs()),
-        "its card is worn out or very slow: try another; the box is as it was",
-    ))
-}
-
-/// Waits until the box has restarted and says what became of the update.
-fn wait_until_decided(
-    link: &mut BoxLink,
-    update: &UpdateFile,
-    before: &Hello,
-) -> Result<Hello, BadInput> {
-    let give_up = Instant::now() + DECIDED_WITHIN;
-    while Instant::now() < give_up {
-        listen(link, PAUSE)?;
-        // While it restarts it does not answer.
-        let Ok(hello) = link.hello() else { continue };
-        if hello.boot_id == before.boot_id {
-            continue;
-        }
-        match state(link) {
-            Ok((UpdateState::Installed, _)) => return Ok(hello),
-            Ok((UpdateState::GivenUp, why)) => {
-                return Err(BadInput::whole(
-                    &update.place,
-                    format!("the box has tried it and gone back to what it had: {why}"),
-                    "the box measures as before; tell who has made the update",
-                ));
+    /// Sends the parts, as fast as the box takes them.
+    fn send(&mut self, progress: &mut dyn FnMut(usize)) -> Result<(), BadInput> {
+        let bytes = &self.update.bytes;
+        let (mut from, mut barren) = (0, 0);
+        while barren < BARREN_MAX {
+            let end = (from + self.link.bytes_at_once()).min(bytes.len());
+            self.link.send_parts(from, &bytes[from..end]);
+            match self.ask(&UpdateStep::Query)? {
+                (UpdateState::Receiving { next }, _) => {
+                    let next = (next as usize).min(bytes.len());
+                    barren = if next > from { 0 } else { barren + 1 };
+                    from = next;
+                    progress(from);
+                }
+                (UpdateState::Checking | UpdateState::Ready, _) => {
+                    progress(bytes.len());
+                    return Ok(());
+                }
+                other => return Err(self.unexpected(&other)),
             }
-            Ok(_) | Err(_) => {}
         }
+        Err(BadInput::whole(
+            self.link.place(),
+            "the parts of the update no longer arrive",
+            "check the link with `plumb doctor`, and send it again; the box is as it was",
+        ))
     }
-    Err(BadInput::whole(
-        link.place(),
-        format!("the box has not said in {} s what became of the update", DECIDED_WITHIN.as_secs()),
-        "`plumb doctor` shows how it is; switched off and on, it starts with what has worked",
-    ))
-}
 
-/// How far the box says that it is.
-fn state(link: &mut BoxLink) -> Result<(UpdateState, String), BadInput> {
-    match link.ask(Action::QueryUpdate)? {
-        ReplyOutcome::Update { state, text } => Ok((state, text.as_str().to_owned())),
-        ReplyOutcome::Refused { refusal, reason } => {
-            Err(link.refused("the update", refusal, &reason))
+    fn wait_until_ready(&mut self) -> Result<(), BadInput> {
+        self.tell(Told::Waiting("the box reads it back from its card".into()));
+        let ready = self.ask_until_ready();
+        self.tell(Told::Done);
+        ready
+    }
+
+    fn ask_until_ready(&mut self) -> Result<(), BadInput> {
+        let give_up = Instant::now() + CHECKED_WITHIN;
+        while Instant::now() < give_up {
+            match self.ask(&UpdateStep::Query)? {
+                (UpdateState::Ready, _) => return Ok(()),
+                (UpdateState::Checking, _) => self.link.wait(PAUSE)?,
+                other => return Err(self.unexpected(&other)),
+            }
         }
-        other => Err(BadInput::whole(
-            link.place(),
-            format!("the box answers another question: {other:?}"),
-            "update the older of the two programs",
-        )),
+        Err(BadInput::whole(
+            self.link.place(),
+            format!("the box has not read the update back in {} s", CHECKED_WITHIN.as_secs()),
+            "its card is worn out or very slow: try another; the box is as it was",
+        ))
     }
-}
 
-/// Lets time pass with an open ear: a link that nobody listens to is over.
-fn listen(link: &mut BoxLink, time: Duration) -> Result<(), BadInput> {
-    link.messages(Instant::now() + time, |_| None::<()>).map(drop)
-}
+    /// Has the box restart with it. When its last word is lost, what it says afterwards decides.
+    fn start_trial(&mut self, force: bool) -> Result<(), BadInput> {
+        let begun = Instant::now();
+        match self.ask(&UpdateStep::Try { is_forced: force }) {
+            Ok((UpdateState::Restarting, _)) => {}
+            Ok(other) => return Err(self.unexpected(&other)),
+            Err(error) if self.link.is_silent_since(begun) => {
+                self.tell(Told::Warning(error.to_string()));
+            }
+            Err(error) => return Err(error),
+        }
+        self.tell(Told::Note("the box restarts with it, and keeps it if it works".into()));
+        Ok(())
+    }
 
-fn refused(link: &BoxLink, update: &UpdateFile, why: &str) -> BadInput {
-    BadInput::whole(
-        &update.place,
-        format!("{} does not take it: {why}", link.place()),
-        "the box is as it was; give an update that is made for it",
-    )
-}
+    /// Waits until the box has restarted and says what became of the update.
+    fn wait_until_decided(&mut self, before: Start) -> Result<String, BadInput> {
+        self.tell(Told::Waiting("waiting until the box has shown that it works".into()));
+        let decided = self.ask_until_decided(before);
+        self.tell(Told::Done);
+        decided
+    }
 
-fn disturbed(link: &BoxLink, (state, _): &(UpdateState, String)) -> BadInput {
-    BadInput::whole(
-        link.place(),
-        format!("the box no longer takes this update ({state:?})"),
-        "check that nobody else updates it, and send it again",
-    )
+    fn ask_until_decided(&mut self, before: Start) -> Result<String, BadInput> {
+        let give_up = Instant::now() + DECIDED_WITHIN;
+        while Instant::now() < give_up {
+            self.link.wait(PAUSE)?;
+            // While it restarts it does not answer.
+            let Ok(Answer { start, version, outcome }) = self.link.ask(&UpdateStep::Query) else {
+                continue;
+            };
+            match outcome {
+                _ if start == before => {}
+                UpdateOutcome::State { state: UpdateState::Installed, .. } => return Ok(version),
+                UpdateOutcome::State { state: UpdateState::GivenUp, text } => {
+                    return Err(BadInput::whole(
+                        &self.update.place,
+                        format!("the box has tried it and gone back to what it had: {text}"),
+                        "the box measures as before; tell who has made the update",
+                    ));
+                }
+                UpdateOutcome::State { .. } | UpdateOutcome::Refused { .. } => {}
+            }
+        }
+        let seconds = DECIDED_WITHIN.as_secs();
+        Err(BadInput::whole(
+            self.link.place(),
+            format!("the box has not said in {seconds} s what became of the update"),
+            "`plumb doctor` shows how it is; switched off and on, it starts with what has worked",
+        ))
+    }
+
+    fn tell(&mut self, told: Told) {
+        (self.tell)(told);
+    }
+
+    fn refused(&self, why: &str) -> BadInput {
+        BadInput::whole(
+            self.link.place(),
+            format!("the box refuses the update: {why}"),
+            "the box is as it was",
+        )
+    }
+
+    /// The box says something of the update that it should not say now.
+    fn unexpected(&self, (state, text): &(UpdateState, String)) -> BadInput {
+        if *state == UpdateState::Unusable {
+            return BadInput::whole(
+                &self.update.place,
+                format!("{} does not take it: {text}", self.link.place()),
+                "the box is as it was; give an update that is made for it",
+            );
+        }
+        BadInput::whole(
+            self.link.place(),
+            format!("the box no longer takes this update ({state:?})"),
+            "check that it has not restarted and that nobody else updates it, and send it again",
+        )
+    }
 }

@@ -90,7 +90,7 @@ fn a_box_of_another_release_is_named_and_what_to_update() {
     let older = ([1, PROTOCOL_VERSION - 1], SCHEMA_HASH);
     let other = ([PROTOCOL_VERSION; 2], 0x0BAD_CAFE);
     let update_here = "this program is the older one: update Plumbline on this computer";
-    let update_box = "the box is the older one: write its card with an image of the release";
+    let update_box = "the box is the older one: give it the release that is on this computer";
     let update = "give both the same release";
     for ((versions, schema_hash), what, remedy) in [
         (newer, "\"ward 3\" (PL-0001) speaks version 5 of the link, this program 4", update_here),

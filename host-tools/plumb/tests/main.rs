@@ -25,5 +25,6 @@ mod report_in_browser;
 mod secrets;
 mod spoiled_study;
 mod study;
+mod update;
 mod validate;
 mod verdict;

@@ -71,7 +71,7 @@ impl PlayedBox {
     fn take(&mut self, packet: &[u8], now_ns: u64) {
         let mut buffer = [0; SEALED_BYTES_MAX];
         match self.end.receive(Peer::Serial, packet, now_ns, || [3; 32], &mut buffer) {
-            Heard::Nothing | Heard::Left => {}
+            Heard::Nothing | Heard::Left | Heard::Update { .. } => {}
             Heard::Answer(answer) => {
                 let answer = answer.to_vec();
                 self.send(&answer);

@@ -20,11 +20,13 @@ mod cable;
 pub mod lit_box;
 mod other_release;
 mod sealed_box;
+mod updated_box;
 
 pub use crate::sealed_box::SealedBox;
 pub use cable::Cable;
 pub use other_release::OtherRelease;
 pub use sealed_box::{key, known_box};
+pub use updated_box::{Fate, UpdatedBox};
 
 use crate::receiver::Receiver;
 use crate::transport::Event;

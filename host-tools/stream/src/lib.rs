@@ -8,6 +8,8 @@
 //!                          link: questions, answers, documents in parts
 //! ```
 //!
+//! A box that is updated has a link of its own, which is the same in all releases: [`update_link`].
+//!
 //! [`reception`] runs the upper path until a limit is reached; [`link`] is the lower one.
 //! [`clock`] relates the box's clock to this computer's. Apart from what waits for packets,
 //! nothing here reads a clock: the time is an argument.
@@ -29,3 +31,4 @@ pub mod sealed_box;
 pub mod sessions;
 mod text;
 pub mod transport;
+pub mod update_link;

@@ -6,7 +6,10 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
 use plumbline::limits::RING_PACKETS;
-use plumbline::packet::{Action, Command, Message, Reply, ReplyOutcome, Start};
+use plumbline::packet::{
+    Action, Command, Message, Reply, ReplyOutcome, Start, UpdateOutcome, UpdateRefusal,
+    UpdateReply, UpdateRequest, UpdateStep,
+};
 use plumbline::seal::{BoxEnd, Heard, Key, ListenerId, OWN_COMMAND, Peer, SEALED_BYTES_MAX};
 
 /// It announces itself this often until a host listens.
@@ -144,6 +147,7 @@ impl SealedBox {
                     self.pass(peer, &packet);
                 }
                 Heard::Message { listener, message, .. } => self.take(listener, message),
+                Heard::Update { request, .. } => self.refuse_update(&request),
             }
         }
     }
@@ -184,6 +188,21 @@ impl SealedBox {
                 }
             }
             message => self.heard.push((listener, message)),
+        }
+    }
+
+    /// It has no card.
+    fn refuse_update(&mut self, request: &UpdateRequest) {
+        if let UpdateStep::Part { .. } = request.step {
+            return;
+        }
+        let text = "it is no box, but a program that plays one".try_into().unwrap_or_default();
+        let outcome = UpdateOutcome::Refused { refusal: UpdateRefusal::NotSupported, text };
+        let reply = UpdateReply { id: request.id, version: heapless::String::new(), outcome };
+        let mut buffer = [0; SEALED_BYTES_MAX];
+        if let Some(Ok((peer, packet))) = self.end.seal_to_updater(&reply, &mut buffer) {
+            let packet = packet.to_vec();
+            self.pass(peer, &packet);
         }
     }
 

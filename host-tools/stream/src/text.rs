@@ -2,7 +2,9 @@
 //! [`plumbline_files::text`].
 
 use heapless::String;
-use plumbline::packet::{Hello, Log, Message, Packet, Reply, ReplyOutcome};
+use plumbline::packet::{
+    Hello, Log, Message, Packet, Reply, ReplyOutcome, UpdateOutcome, UpdateReply,
+};
 use plumbline_files::text::shown;
 
 /// The packet with all its message's texts as they can be shown.
@@ -30,6 +32,15 @@ pub fn printable(mut packet: Packet) -> Packet {
         | Message::Trigger(_) => {}
     }
     packet
+}
+
+/// The same of what a box answers about an update.
+pub fn printable_reply(mut reply: UpdateReply) -> UpdateReply {
+    show(&mut reply.version);
+    match &mut reply.outcome {
+        UpdateOutcome::State { text, .. } | UpdateOutcome::Refused { text, .. } => show(text),
+    }
+    reply
 }
 
 /// No character becomes a longer one, so that the text keeps its room.

@@ -1,5 +1,5 @@
 //! Anything longer than a packet is sent in parts: a configuration to the box or back, a picture
-//! from a box in set-up mode, an update to the box.
+//! from a box in set-up mode.
 //!
 //! The sender never retransmits unasked. The receiver knows the length, and asks again for
 //! what is missing ([`Action::SendParts`](super::Action::SendParts)) or tells
@@ -20,8 +20,6 @@ pub enum Document {
     Config,
     /// The file of the [`Picture`] with this number.
     Picture(u16),
-    /// The file of an update, to the box.
-    Update,
 }
 
 /// A piece of a document.

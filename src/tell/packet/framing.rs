@@ -1,7 +1,9 @@
 //! Packets and frames: checksum, versions, COBS, and resynchronisation in a stream that was cut or
 //! garbled.
 
-use super::{Message, PROTOCOL_VERSION, Packet, SCHEMA_HASH, Start};
+use serde::{Deserialize, Serialize};
+
+use super::{Message, PROTOCOL_VERSION, Packet, SCHEMA_HASH, Start, UpdateReply, UpdateRequest};
 use crate::common::checksum::{CRC_BYTES, CRC32, checked};
 
 /// Version, schema hash and start.
@@ -98,7 +100,7 @@ pub fn encode_datagram<'a>(
     header[0] = PROTOCOL_VERSION;
     header[1..5].copy_from_slice(&SCHEMA_HASH.to_le_bytes());
     header[5..].copy_from_slice(&start.map_or(0, Start::get).to_le_bytes());
-    let body_bytes = encode_body(message, rest)?;
+    let body_bytes = message.encode(rest)?;
     let covered = HEADER_BYTES + body_bytes;
     let packet = buffer.get_mut(..covered + CRC_BYTES).ok_or(EncodeError)?;
     let checksum = CRC32.checksum(&packet[..covered]);
@@ -156,20 +158,57 @@ pub fn decode_datagram(packet: &[u8]) -> Result<Packet, PacketError> {
         return Err(PacketError::OtherSchema { hash });
     }
     let start = Start::new(u32::from_le_bytes(start));
-    let message = decode_body(body)?;
+    let message = Message::decode(body)?;
     if is_sent_by(&message, start) { Ok(Packet { start, message }) } else { Err(PacketError::Body) }
 }
 
-/// Writes a message alone, as it stands in a clear packet or under a seal; returns its length.
-pub(crate) fn encode_body(message: &Message, buffer: &mut [u8]) -> Result<usize, EncodeError> {
-    postcard::to_slice(message, buffer).map(|body| body.len()).map_err(|_| EncodeError)
+/// What stands under a seal, or alone in a clear packet.
+pub(crate) trait Body: Sized {
+    /// Writes it; returns its length.
+    fn encode(&self, buffer: &mut [u8]) -> Result<usize, EncodeError>;
+
+    /// Reads it; nothing may follow.
+    fn decode(body: &[u8]) -> Result<Self, PacketError>;
 }
 
-/// Reads a message alone.
-pub(crate) fn decode_body(body: &[u8]) -> Result<Message, PacketError> {
-    match postcard::take_from_bytes::<Message>(body) {
-        Ok((message, [])) if !message.is_measurable() => Err(PacketError::Number),
-        Ok((message, [])) => Ok(message),
+impl Body for Message {
+    fn encode(&self, buffer: &mut [u8]) -> Result<usize, EncodeError> {
+        to_postcard(self, buffer)
+    }
+
+    fn decode(body: &[u8]) -> Result<Self, PacketError> {
+        let message: Self = from_postcard(body)?;
+        if message.is_measurable() { Ok(message) } else { Err(PacketError::Number) }
+    }
+}
+
+impl Body for UpdateRequest {
+    fn encode(&self, buffer: &mut [u8]) -> Result<usize, EncodeError> {
+        to_postcard(self, buffer)
+    }
+
+    fn decode(body: &[u8]) -> Result<Self, PacketError> {
+        from_postcard(body)
+    }
+}
+
+impl Body for UpdateReply {
+    fn encode(&self, buffer: &mut [u8]) -> Result<usize, EncodeError> {
+        to_postcard(self, buffer)
+    }
+
+    fn decode(body: &[u8]) -> Result<Self, PacketError> {
+        from_postcard(body)
+    }
+}
+
+fn to_postcard(body: &impl Serialize, buffer: &mut [u8]) -> Result<usize, EncodeError> {
+    postcard::to_slice(body, buffer).map(|body| body.len()).map_err(|_| EncodeError)
+}
+
+fn from_postcard<'a, T: Deserialize<'a>>(body: &'a [u8]) -> Result<T, PacketError> {
+    match postcard::take_from_bytes(body) {
+        Ok((body, [])) => Ok(body),
         _ => Err(PacketError::Body),
     }
 }

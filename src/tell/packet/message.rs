@@ -279,12 +279,6 @@ pub enum Action {
     },
     /// Restart.
     Reboot,
-    /// Forget what has come of an update, and take another.
-    BeginUpdate,
-    /// Answer with how far the update is, and what became of the last one.
-    QueryUpdate,
-    /// Restart with the update that has come, once: it stays if it passes its own tests.
-    TryUpdate,
     /// Send packets of the stream once more, exactly as they were sealed: of the 64 counters from
     /// `first` on, those whose bit of `mask` is set, the lowest bit first.
     Resend {
@@ -318,16 +312,13 @@ impl Action {
             | Self::Aim { .. }
             | Self::TakePicture { .. }
             | Self::Expose { .. }
-            | Self::Reboot
-            | Self::BeginUpdate
-            | Self::TryUpdate => true,
+            | Self::Reboot => true,
             Self::Ping { .. }
             | Self::SendHello
             | Self::SendHealth
             | Self::QueryConfig
             | Self::SendView
             | Self::SendParts { .. }
-            | Self::QueryUpdate
             | Self::Resend { .. }
             | Self::Record { .. }
             | Self::SendPoses { .. }
@@ -403,13 +394,6 @@ pub enum ReplyOutcome {
         /// The lowest counter that still is.
         first: u64,
     },
-    /// To [`Action::QueryUpdate`].
-    Update {
-        /// How far it is.
-        state: UpdateState,
-        /// The same in words, for people; may be empty.
-        text: String<REASON_BYTES_MAX>,
-    },
     /// It will be done.
     Accepted,
     /// It will not be done.
@@ -419,30 +403,6 @@ pub enum ReplyOutcome {
         /// The same in words, for people; may be empty.
         reason: String<REASON_BYTES_MAX>,
     },
-}
-
-/// How far the update of a box is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
-pub enum UpdateState {
-    /// None has come since the box's start, and none was tried before it.
-    None,
-    /// Its parts come.
-    Receiving {
-        /// Where in it the first missing byte is.
-        next: u32,
-    },
-    /// It is complete, and is read back from the card.
-    Checking,
-    /// It is on the card as it was signed, and can be tried.
-    Ready,
-    /// It cannot be used, or could not be stored; the text says why.
-    Unusable,
-    /// The box runs the update, and has yet to show that it works; the text says what is missing.
-    OnTrial,
-    /// The box runs the update from now on.
-    Installed,
-    /// The update was tried before this start and given up; the text says why.
-    GivenUp,
 }
 
 /// The answer to the [`Command`] of the same number.

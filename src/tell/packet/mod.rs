@@ -29,7 +29,8 @@
 //! Every type, field name, variant name and their order below [`Message`], and the fixed-point
 //! steps and capacities that the types alone do not show. It is computed by the compiler from the
 //! types (`postcard-schema`), so that no change can be forgotten. What a field MEANS is not in it:
-//! a change of meaning needs a new [`PROTOCOL_VERSION`].
+//! a change of meaning needs a new [`PROTOCOL_VERSION`]. What is said about an update
+//! ([`UpdateRequest`], [`UpdateReply`]) is the same in all releases, and in neither.
 //!
 //! # Size
 //!
@@ -47,6 +48,7 @@ mod from_report;
 mod message;
 mod pose;
 mod program;
+mod update;
 mod view;
 
 use core::num::NonZeroU32;
@@ -57,7 +59,7 @@ use serde::{Deserialize, Serialize};
 
 pub use crate::model::config::Edge;
 pub use document::{Document, PART_BYTES_MAX, Part, Picture, document_crc};
-pub(crate) use framing::{CLEAR_OVERHEAD_BYTES, decode_body, encode_body, is_sent_by};
+pub(crate) use framing::{Body, CLEAR_OVERHEAD_BYTES, is_sent_by};
 pub use framing::{
     DELIMITER, Deframer, EncodeError, FRAME_BYTES_MAX, PACKET_BYTES_MAX, PacketError,
     decode_datagram, encode_datagram, encode_frame, frame_packet,
@@ -65,13 +67,17 @@ pub use framing::{
 pub use message::{
     AIM_S_MAX, Action, CameraState, Command, Health, Hello, LINKS_MAX, LOG_TARGET_BYTES_MAX,
     LOG_TEXT_BYTES_MAX, LinkHealth, LinkKind, Log, LogLevel, REASON_BYTES_MAX, Refusal, Reply,
-    ReplyOutcome, ResetReason, TargetInfo, Trigger, TriggerHealth, TriggerState, UpdateState,
+    ReplyOutcome, ResetReason, TargetInfo, Trigger, TriggerHealth, TriggerState,
 };
 pub use pose::{
     AnatomicalPoint, CORRELATIONS, MarkedInstant, MeasuredPose, POSITION_MM_MAX, PosePacket,
     RMS_STEP_PX, SD_STEP_MM, TargetPacket,
 };
 pub use program::ProgramVersion;
+pub use update::{
+    UPDATE_PART_BYTES_MAX, UPDATE_TEXT_BYTES_MAX, UPDATE_VERSION_BYTES_MAX, UpdateOutcome,
+    UpdateRefusal, UpdateReply, UpdateRequest, UpdateState, UpdateStep,
+};
 pub use view::View;
 
 use crate::limits::{DEVICE_TEXT_BYTES_MAX, NAME_BYTES_MAX, TARGETS_MAX};

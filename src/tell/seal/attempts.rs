@@ -10,11 +10,12 @@ use zeroize::Zeroizing;
 
 use super::Peer;
 use super::aead::KEY_BYTES;
-use super::handshake::{Handshake, Keys};
+use super::channel::Channel;
+use super::handshake::Handshake;
 use super::key::Key;
 use super::listeners::Caller;
 use super::wire::{
-    ADMISSION_BYTES, CALLER_BYTES, COOKIE_BYTES, Kind, Reader, SEALED_BYTES_MAX, SESSION_BYTES,
+    ADMISSION_BYTES, Answer, CALLER_BYTES, Purpose, Reader, SEALED_BYTES_MAX, SESSION_BYTES,
     TOKEN_BYTES, Terms, Writer, greeting,
 };
 use crate::tell::packet::Start;
@@ -57,39 +58,49 @@ enum Stage {
 
 /// The first message of a handshake, and what is needed to read the second.
 pub(super) struct Opening {
+    purpose: Purpose,
     handshake: Handshake,
     packet: Vec<u8, SEALED_BYTES_MAX>,
     start: Start,
 }
 
 impl Opening {
-    /// Begins a handshake, with a secret key for this one alone.
+    /// Begins a handshake with the box that has given this answer, with a secret key for this one
+    /// alone.
     pub(super) fn new(
+        purpose: Purpose,
+        host_versions: [u8; 2],
         key: &Key,
-        cookie: &[u8; COOKIE_BYTES],
-        terms: &Terms,
+        Answer { cookie, announcement, .. }: &Answer,
         caller: &Caller,
         ephemeral: &[u8; KEY_BYTES],
     ) -> Option<Self> {
-        let mut handshake = Handshake::of_host(key.bytes(), &terms.prologue(cookie), ephemeral)?;
+        let terms = Terms {
+            key_id: key.id(),
+            host_versions,
+            box_versions: announcement.versions,
+            start: announcement.start,
+        };
+        let prologue = terms.prologue(purpose, cookie);
+        let mut handshake = Handshake::of_host(key.bytes(), &prologue, ephemeral)?;
         let mut payload = [0; CALLER_BYTES];
         postcard::to_slice(caller, &mut payload).ok()?;
         let mut buffer = [0; SEALED_BYTES_MAX];
-        let mut writer = Writer::new(&mut buffer, Kind::Opening);
+        let mut writer = Writer::new(&mut buffer, purpose.opening());
         writer.put(*cookie);
         writer.put(terms.bytes());
         let header_bytes = writer.length();
         let bytes = handshake.write(&payload, writer.room(0))?;
         let packet = Vec::from_slice(writer.packet_of(header_bytes + bytes)).ok()?;
-        Some(Self { handshake, packet, start: terms.start })
+        Some(Self { purpose, handshake, packet, start: terms.start })
     }
 }
 
 /// What a box has accepted a host with.
 pub(super) struct Acceptance {
-    pub(super) session: u16,
     pub(super) start: Start,
-    pub(super) keys: Keys,
+    pub(super) channel: Channel,
+    /// What a listener is let into the stream with; of an update, zeros.
     pub(super) admission: Zeroizing<[u8; ADMISSION_BYTES]>,
 }
 
@@ -176,10 +187,12 @@ impl Attempts {
         Some((attempt.peer, packet.len()))
     }
 
-    /// Whether a greeting with this token waits for an answer from there.
-    pub(super) fn waits(&self, from: Peer, token: &[u8; TOKEN_BYTES]) -> bool {
-        let waits = |it: &Attempt| it.token == *token && matches!(it.stage, Stage::Greets);
-        self.all.iter().any(|it| it.peer == from && waits(it))
+    /// The answer in a packet, if a greeting to there waits for it and the box has this key.
+    pub(super) fn answer(&self, from: Peer, packet: &[u8], key: &Key) -> Option<Answer> {
+        let answer = Answer::read(packet)?;
+        let waits = |it: &Attempt| it.token == answer.token && matches!(it.stage, Stage::Greets);
+        let is_expected = self.all.iter().any(|it| it.peer == from && waits(it));
+        (is_expected && Answer::is_authentic(key, packet)).then_some(answer)
     }
 
     /// Sends nothing more to an address, and does not begin again there so soon.
@@ -212,11 +225,16 @@ impl Attempts {
         let mut admission = Zeroizing::new([0; ADMISSION_BYTES]);
         // A forged acceptance must not spoil the handshake: it is read from a copy.
         let mut handshake = opening.handshake.clone();
-        if handshake.read(reader.0, &mut admission[..])? != ADMISSION_BYTES {
+        let bytes = match opening.purpose {
+            Purpose::Listening => ADMISSION_BYTES,
+            Purpose::Updating => 0,
+        };
+        if handshake.read(reader.0, &mut admission[..])? != bytes {
             return None;
         }
         let (start, keys) = (opening.start, handshake.keys()?);
+        let channel = Channel::new(opening.purpose, session, keys.to_box, keys.to_host);
         self.all.clear();
-        Some(Acceptance { session, start, keys, admission })
+        Some(Acceptance { start, channel, admission })
     }
 }

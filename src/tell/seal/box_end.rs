@@ -10,6 +10,9 @@
 //!         └─▶ of a listener, authentic, new? ─▶ a message, or its goodbye
 //! ```
 //!
+//! UpdateOpening and UpdateChannel go the same way, to one program that updates the box, of whatever
+//! release it is.
+//!
 //! Whatever is not authentic changes nothing: the box remembers neither its sender nor that it
 //! came, and nothing is answered but a greeting, with as many bytes at most.
 
@@ -26,14 +29,16 @@ use super::pending::{Handshakes, PENDING_MAX, Pending, SEEN_BYTES};
 use super::resends::Again;
 use super::ring::Ring;
 use super::stream::StreamSealer;
+use super::updater::{Updater, UpdaterId};
 use super::wire::{
-    ACCEPTANCE_BYTES, ADMISSION_BYTES, Announcement, Answer, BoxState, CALLER_BYTES, Kind, Reader,
+    ADMISSION_BYTES, Announcement, Answer, BoxState, CALLER_BYTES, Kind, Purpose, Reader,
     SEALED_BYTES_MAX, Terms, VERSIONS, Writer, greeting_token,
 };
 use super::{Pairing, Peer};
 use crate::tell::packet::{
     Action, Command, EncodeError, Message, PROTOCOL_VERSION, REASON_BYTES_MAX, Refusal, Reply,
-    ReplyOutcome, SCHEMA_HASH, Start, is_sent_by,
+    ReplyOutcome, SCHEMA_HASH, Start, UPDATE_TEXT_BYTES_MAX, UpdateOutcome, UpdateRefusal,
+    UpdateReply, UpdateRequest, UpdateStep, is_sent_by,
 };
 
 /// What to do with a packet.
@@ -55,6 +60,13 @@ pub enum Heard<'a> {
     },
     /// A listener has left: its place is free.
     Left,
+    /// The program that updates the box asks this.
+    Update {
+        /// Who.
+        updater: UpdaterId,
+        /// What.
+        request: UpdateRequest,
+    },
     /// Over the serial line, while the box may be paired, comes this key.
     Pairing(Key),
 }
@@ -67,6 +79,7 @@ pub struct BoxEnd {
     cookies: Cookies,
     pub(super) stream: StreamSealer,
     listeners: Listeners,
+    updater: Option<Updater>,
     handshakes: Handshakes,
     /// The number of the next session.
     pub(super) sessions: u16,
@@ -92,6 +105,7 @@ impl BoxEnd {
             cookies: Cookies::new(secret),
             stream: StreamSealer::new(CipherKey::derived(secret, "plumbline first stream", &[])),
             listeners: Listeners::new(),
+            updater: None,
             handshakes: Handshakes::new(),
             sessions: 0,
         }
@@ -138,9 +152,13 @@ impl BoxEnd {
                 self.greeted(from, packet, now_ns, buffer).map(Heard::Answer)
             }
             Some((Kind::Opening, rest)) => {
-                self.opened(from, rest, now_ns, draw, buffer).map(Heard::Answer)
+                self.opened(Purpose::Listening, from, rest, now_ns, draw, buffer).map(Heard::Answer)
+            }
+            Some((Kind::UpdateOpening, rest)) => {
+                self.opened(Purpose::Updating, from, rest, now_ns, draw, buffer).map(Heard::Answer)
             }
             Some((Kind::Channel, _)) => self.said(from, packet, now_ns, buffer),
+            Some((Kind::UpdateChannel, _)) => self.requested(from, packet, now_ns, buffer),
             Some((Kind::Pairing, _)) if from == Peer::Serial => {
                 let pairing = Pairing::read(packet);
                 pairing.map(|it| it.key).filter(|key| self.may_come(key)).map(Heard::Pairing)
@@ -194,6 +212,20 @@ impl BoxEnd {
         let listener = self.listeners.get_mut(listener)?;
         let packet = listener.channel.seal(message, buffer);
         Some(packet.map(|packet| (listener.peer, packet)))
+    }
+
+    /// Seals a reply for the program that updates the box; `None` if there is none.
+    ///
+    /// # Errors
+    /// [`EncodeError`] for a reply larger than the largest.
+    pub fn seal_to_updater<'a>(
+        &mut self,
+        reply: &UpdateReply,
+        buffer: &'a mut [u8; SEALED_BYTES_MAX],
+    ) -> Option<Result<(Peer, &'a [u8]), EncodeError>> {
+        let updater = self.updater.as_mut()?;
+        let packet = updater.channel.seal(reply, buffer);
+        Some(packet.map(|packet| (updater.peer, packet)))
     }
 
     /// The listeners, and where they are.
@@ -288,6 +320,7 @@ impl BoxEnd {
     /// The answer to the first message of a handshake, if it is authentic.
     fn opened<'a>(
         &mut self,
+        purpose: Purpose,
         from: Peer,
         rest: &[u8],
         now_ns: u64,
@@ -298,18 +331,18 @@ impl BoxEnd {
         let cookie = reader.take()?;
         let terms = Terms::read(&mut reader)?;
         let message: &[u8; NOISE_BYTES + CALLER_BYTES] = reader.0.try_into().ok()?;
-        if !self.cookies.is_valid(&cookie, from, now_ns) || !self.agrees(&terms) {
+        if !self.cookies.is_valid(&cookie, from, now_ns) || !self.agrees(purpose, &terms) {
             return None;
         }
         let key = self.key.as_ref()?;
-        let prologue = terms.prologue(&cookie);
+        let prologue = terms.prologue(purpose, &cookie);
         let mut caller = [0; CALLER_BYTES];
         // Without a key pair of its own first, which costs more than all that is done before.
         Handshake::check(key.bytes(), &prologue, message, &mut caller)?;
         let seen: [u8; SEEN_BYTES] = *message.first_chunk()?;
         if let Some(pending) = self.handshakes.iter().find(|it| it.seen == seen) {
-            let place = buffer.first_chunk_mut()?;
-            *place = pending.acceptance;
+            let place = buffer.get_mut(..pending.acceptance.len())?;
+            place.copy_from_slice(&pending.acceptance);
             return Some(place);
         }
         if self.handshakes.has_seen(&seen) {
@@ -320,34 +353,48 @@ impl BoxEnd {
         handshake.read(message, &mut caller)?;
         self.handshakes.see(seen);
         let caller = postcard::from_bytes::<Caller>(&caller).ok()?;
+        let admission = self.admission();
+        let payload = match purpose {
+            Purpose::Listening => &admission[..],
+            // Who updates the box has no part in its stream.
+            Purpose::Updating => &[],
+        };
+        let session = self.free_session();
+        let mut writer = Writer::new(buffer, purpose.acceptance());
+        writer.put(session.to_le_bytes());
+        let header_bytes = writer.length();
+        let bytes = handshake.write(payload, writer.room(0))?;
+        let packet = writer.packet_of(header_bytes + bytes);
+        let keys = handshake.keys()?;
+        self.handshakes.add(Pending {
+            peer: from,
+            caller,
+            channel: Channel::new(purpose, session, keys.to_host, keys.to_box),
+            seen,
+            acceptance: Vec::from_slice(packet).ok()?,
+            begun_ns: now_ns,
+        });
+        Some(packet)
+    }
+
+    /// What a listener is let into the stream with.
+    fn admission(&mut self) -> Zeroizing<[u8; ADMISSION_BYTES]> {
         let next = self.stream.next();
         let stream = self.stream.key();
         let mut admission = Zeroizing::new([0; ADMISSION_BYTES]);
         admission[..8].copy_from_slice(&next.to_le_bytes());
         admission[8..16].copy_from_slice(&stream.epoch().to_le_bytes());
         admission[16..].copy_from_slice(stream.bytes());
-        let session = self.free_session();
-        let mut writer = Writer::new(buffer, Kind::Acceptance);
-        writer.put(session.to_le_bytes());
-        handshake.write(&admission[..], writer.room(0))?;
-        let packet = writer.packet_of(ACCEPTANCE_BYTES);
-        let keys = handshake.keys()?;
-        self.handshakes.add(Pending {
-            peer: from,
-            caller,
-            channel: Channel::new(session, keys.to_host, keys.to_box),
-            seen,
-            acceptance: *packet.first_chunk()?,
-            begun_ns: now_ns,
-        });
-        Some(packet)
+        admission
     }
 
     /// A number for a session that no other has.
     fn free_session(&mut self) -> u16 {
         let listeners = self.listeners.iter().map(|it| it.channel.session());
+        let updater = self.updater.iter().map(|it| it.channel.session());
         let pending = self.handshakes.iter().map(|it| it.channel.session());
-        let used: Vec<u16, { LISTENERS_MAX + PENDING_MAX }> = listeners.chain(pending).collect();
+        let used: Vec<u16, { LISTENERS_MAX + 1 + PENDING_MAX }> =
+            listeners.chain(updater).chain(pending).collect();
         while used.contains(&self.sessions) {
             self.sessions = self.sessions.wrapping_add(1);
         }
@@ -366,7 +413,7 @@ impl BoxEnd {
     ) -> Option<Heard<'a>> {
         let session = session_of(packet)?;
         if let Some((id, listener)) = self.listeners.of_channel(from, session) {
-            let message = listener.channel.open(packet)?;
+            let message: Message = listener.channel.open(packet)?;
             listener.heard_ns = now_ns;
             if is_goodbye(&message) {
                 let process = listener.caller.process;
@@ -379,7 +426,9 @@ impl BoxEnd {
                 message,
             });
         }
-        let (Pending { caller, mut channel, .. }, message) = self.handshakes.begin(from, packet)?;
+        let is_of_host = |message: &Message| is_sent_by(message, None);
+        let (Pending { caller, mut channel, .. }, message) =
+            self.handshakes.begin(Purpose::Listening, from, packet, is_of_host)?;
         if is_goodbye(&message) {
             // What the program has said before in this session is lost, or comes later. It may have
             // its place from the session before.
@@ -395,6 +444,46 @@ impl BoxEnd {
         channel.seal(&reply, buffer).ok().map(Heard::Answer)
     }
 
+    /// A request on the channel of the program that updates the box, or of one that begins to.
+    fn requested<'a>(
+        &mut self,
+        from: Peer,
+        packet: &[u8],
+        now_ns: u64,
+        buffer: &'a mut [u8; SEALED_BYTES_MAX],
+    ) -> Option<Heard<'a>> {
+        let session = session_of(packet)?;
+        let is_it = |it: &&mut Updater| it.peer == from && it.channel.session() == session;
+        let request: UpdateRequest = if let Some(updater) = self.updater.as_mut().filter(is_it) {
+            let request = updater.channel.open(packet)?;
+            updater.heard_ns = now_ns;
+            request
+        } else {
+            let (pending, request) =
+                self.handshakes.begin(Purpose::Updating, from, packet, |_: &UpdateRequest| true)?;
+            let Pending { peer, caller, mut channel, .. } = pending;
+            if let Some(other) = &self.updater
+                && !other.yields_to(&caller, now_ns)
+            {
+                let mut text = String::<UPDATE_TEXT_BYTES_MAX>::new();
+                // There is room for all of it.
+                let _ = text.push_str("it is being updated by ");
+                let _ = text.push_str(&other.caller.name);
+                let outcome = UpdateOutcome::Refused { refusal: UpdateRefusal::Busy, text };
+                let reply = UpdateReply { id: request.id, version: String::new(), outcome };
+                return channel.seal(&reply, buffer).ok().map(Heard::Answer);
+            }
+            self.updater = Some(Updater { peer, caller, channel, heard_ns: now_ns });
+            request
+        };
+        if request.step == UpdateStep::Leave {
+            self.updater = None;
+            return Some(Heard::Left);
+        }
+        let updater = self.updater.as_ref()?.id();
+        Some(Heard::Update { updater, request })
+    }
+
     /// Who listens, in words.
     fn names(&self) -> String<REASON_BYTES_MAX> {
         let mut names = String::new();
@@ -407,12 +496,15 @@ impl BoxEnd {
         names
     }
 
-    fn agrees(&self, terms: &Terms) -> bool {
+    fn agrees(&self, purpose: Purpose, terms: &Terms) -> bool {
         let [lowest, highest] = terms.host_versions;
         Some(terms.key_id) == self.announcement.key_id
             && terms.start == self.announcement.start
             && terms.box_versions == self.announcement.versions
-            && (lowest..=highest).contains(&PROTOCOL_VERSION)
+            && match purpose {
+                Purpose::Listening => (lowest..=highest).contains(&PROTOCOL_VERSION),
+                Purpose::Updating => true,
+            }
     }
 }
 

@@ -3,13 +3,14 @@
 use super::aead::{CipherKey, TAG_BYTES};
 use super::window::Window;
 use super::wire::{
-    HEAD_BYTES, Kind, Reader, SEALED_BYTES_MAX, SESSION_BYTES, Writer, put_counter, take_counter,
+    HEAD_BYTES, Purpose, Reader, SEALED_BYTES_MAX, SESSION_BYTES, Writer, put_counter, take_counter,
 };
-use crate::tell::packet::{EncodeError, Message, decode_body, encode_body};
+use crate::tell::packet::{Body, EncodeError, PacketError};
 
 /// One end of the channel.
 #[derive(Debug, Clone)]
 pub(super) struct Channel {
+    purpose: Purpose,
     session: u16,
     seals: CipherKey,
     opens: CipherKey,
@@ -20,8 +21,12 @@ pub(super) struct Channel {
 
 impl Channel {
     /// A channel of a new session; its keys must be of this session alone.
-    pub(super) fn new(session: u16, seals: CipherKey, opens: CipherKey) -> Self {
-        Self { session, seals, opens, sent: 0, received: Window::starting_at(0) }
+    pub(super) fn new(purpose: Purpose, session: u16, seals: CipherKey, opens: CipherKey) -> Self {
+        Self { purpose, session, seals, opens, sent: 0, received: Window::starting_at(0) }
+    }
+
+    pub(super) fn purpose(&self) -> Purpose {
+        self.purpose
     }
 
     pub(super) fn session(&self) -> u16 {
@@ -31,11 +36,11 @@ impl Channel {
     /// Seals a message.
     pub(super) fn seal<'a>(
         &mut self,
-        message: &Message,
+        message: &impl Body,
         buffer: &'a mut [u8; SEALED_BYTES_MAX],
     ) -> Result<&'a [u8], EncodeError> {
         let counter = self.sent;
-        let mut writer = Writer::new(buffer, Kind::Channel);
+        let mut writer = Writer::new(buffer, self.purpose.channel());
         writer.put(self.session.to_le_bytes());
         put_counter(&mut writer, counter);
         let packet = seal_body(writer, &self.seals, counter, message)?;
@@ -45,7 +50,7 @@ impl Channel {
 
     /// Opens a packet of this session; `None` if it is not authentic, has come before, or holds no
     /// message, of which the first two change nothing.
-    pub(super) fn open(&mut self, packet: &[u8]) -> Option<Message> {
+    pub(super) fn open<B: Body>(&mut self, packet: &[u8]) -> Option<B> {
         let mut reader = Reader(packet.get(HEAD_BYTES + SESSION_BYTES..)?);
         let counter = take_counter(&mut reader)?;
         if !self.received.is_new(counter) {
@@ -53,16 +58,16 @@ impl Channel {
         }
         let message = open_body(packet, reader.0, &self.opens, counter)?;
         self.received.take(counter);
-        message
+        message.ok()
     }
 
     /// Whether a packet that has not been opened is of this session all the same, and has come before
     /// or is too old.
-    pub(super) fn is_repeated(&self, packet: &[u8]) -> bool {
+    pub(super) fn is_repeated<B: Body>(&self, packet: &[u8]) -> bool {
         let mut reader = Reader(packet.get(HEAD_BYTES + SESSION_BYTES..).unwrap_or_default());
         take_counter(&mut reader).is_some_and(|counter| {
             !self.received.is_new(counter)
-                && open_body(packet, reader.0, &self.opens, counter).is_some()
+                && open_body::<B>(packet, reader.0, &self.opens, counter).is_some()
         })
     }
 }
@@ -77,25 +82,25 @@ pub(super) fn seal_body<'a>(
     mut writer: Writer<'a>,
     key: &CipherKey,
     counter: u64,
-    message: &Message,
+    message: &impl Body,
 ) -> Result<&'a [u8], EncodeError> {
     let header_bytes = writer.length();
-    let body_bytes = encode_body(message, writer.room(TAG_BYTES))?;
+    let body_bytes = message.encode(writer.room(TAG_BYTES))?;
     let packet = writer.packet_of(header_bytes + body_bytes + TAG_BYTES);
     key.seal(counter, packet, header_bytes);
     Ok(packet)
 }
 
-/// Opens what was sealed at the end of a packet: `None` if it is not authentic, `Some(None)` if it
+/// Opens what was sealed at the end of a packet: `None` if it is not authentic, `Some(Err)` if it
 /// is, but holds no message.
-pub(super) fn open_body(
+pub(super) fn open_body<B: Body>(
     packet: &[u8],
     sealed: &[u8],
     key: &CipherKey,
     counter: u64,
-) -> Option<Option<Message>> {
+) -> Option<Result<B, PacketError>> {
     let header = packet.get(..packet.len() - sealed.len())?;
     let mut body = [0; SEALED_BYTES_MAX];
     let body = key.open(counter, header, sealed, &mut body)?;
-    Some(decode_body(body).ok())
+    Some(B::decode(body))
 }

@@ -18,14 +18,13 @@ use zeroize::Zeroizing;
 use super::Peer;
 use super::aead::{CipherKey, KEY_BYTES};
 use super::attempts::{Acceptance, Attempts, Opening};
-use super::channel::Channel;
 use super::key::{Key, KeyId};
 use super::listeners::Caller;
 use super::obstacle::Obstacle;
 use super::reception::Reception;
 use super::session::{Session, Sessions};
 use super::stream::{Opened, StreamKey};
-use super::wire::{Announcement, Answer, Kind, SEALED_BYTES_MAX, Terms, VERSIONS};
+use super::wire::{Announcement, Kind, Purpose, SEALED_BYTES_MAX, VERSIONS};
 use crate::tell::packet::{
     Action, Command, EncodeError, Message, REASON_BYTES_MAX, Refusal, Reply, ReplyOutcome, Start,
     is_sent_by,
@@ -248,6 +247,7 @@ impl HostEnd {
             Kind::Channel => self.said(from, packet, now_ns),
             Kind::Stream => self.told(from, packet, now_ns),
             Kind::Greeting | Kind::Opening | Kind::OneWay | Kind::Pairing | Kind::Paired => None,
+            Kind::UpdateOpening | Kind::UpdateAcceptance | Kind::UpdateChannel => None,
         };
         told.unwrap_or(Told::Nothing)
     }
@@ -284,41 +284,32 @@ impl HostEnd {
         draw: &mut impl FnMut() -> [u8; KEY_BYTES],
         buffer: &'a mut [u8; SEALED_BYTES_MAX],
     ) -> Option<&'a [u8]> {
-        let Answer { token, cookie, announcement } = Answer::read(packet)?;
-        if !self.attempts.waits(from, &token) || !Answer::is_authentic(&self.key, packet) {
-            return None;
-        }
-        if let Some(obstacle) = Obstacle::of(&announcement) {
+        let answer = self.attempts.answer(from, packet, &self.key)?;
+        if let Some(obstacle) = Obstacle::of(&answer.announcement) {
             self.obstacle = Some(obstacle);
             self.attempts.end(from);
             return None;
         }
-        if self.sessions.has_met(announcement.start, now_ns) {
+        if self.sessions.has_met(answer.announcement.start, now_ns) {
             // What made this end greet it was not true.
             self.attempts.end(from);
             return None;
         }
-        let terms = Terms {
-            key_id: self.key_id,
-            host_versions: VERSIONS,
-            box_versions: announcement.versions,
-            start: announcement.start,
-        };
         let secret = Zeroizing::new(draw());
-        let opening = Opening::new(&self.key, &cookie, &terms, &self.caller, &secret)?;
+        let opening =
+            Opening::new(Purpose::Listening, VERSIONS, &self.key, &answer, &self.caller, &secret)?;
         self.attempts.open(from, opening, now_ns, buffer)
     }
 
     /// The session that follows an acceptance of an opening of this end.
     fn accepted(&mut self, from: Peer, rest: &[u8], now_ns: u64) -> Option<()> {
-        let Acceptance { session, start, keys, admission } = self.attempts.accepted(from, rest)?;
+        let Acceptance { start, channel, admission } = self.attempts.accepted(from, rest)?;
         let (next, rest) = admission.split_first_chunk::<8>()?;
         let (epoch, key) = rest.split_first_chunk::<8>()?;
         let next = u64::from_le_bytes(*next);
         let key = CipherKey::new(*key.first_chunk()?);
         let stream_key = StreamKey::of_epoch(u64::from_le_bytes(*epoch), key);
         self.reception.join(start, next, stream_key);
-        let channel = Channel::new(session, keys.to_box, keys.to_host);
         self.sessions.begin(Session::new(from, start, channel, now_ns));
         self.known = Some(from);
         self.has_chosen = !self.chooses;
@@ -328,8 +319,8 @@ impl HostEnd {
     /// A message for this listener alone.
     fn said(&mut self, from: Peer, packet: &[u8], now_ns: u64) -> Option<Told<'static>> {
         let session = self.sessions.of_channel(from, packet)?;
-        let Some(message) = session.channel.open(packet) else {
-            return session.channel.is_repeated(packet).then_some(Told::Repeated);
+        let Some(message) = session.channel.open::<Message>(packet) else {
+            return session.channel.is_repeated::<Message>(packet).then_some(Told::Repeated);
         };
         session.heard_ns = now_ns;
         let start = session.start;

@@ -14,6 +14,7 @@
 //! host_end     a host of one box              obstacle    why there is no session
 //! attempts     handshakes that are not through            session     those that are
 //! reception    what has come of the stream    missing     what is asked for again
+//! updater      the host that updates a box    update_end  that host's end of the link
 //! ```
 //!
 //! Neither end reads a clock, draws a random number or sends anything: packets, times and random
@@ -41,6 +42,8 @@ mod session;
 mod stream;
 #[cfg(test)]
 mod tests;
+mod update_end;
+mod updater;
 mod window;
 mod wire;
 
@@ -55,6 +58,8 @@ pub use one_way::OneWay;
 pub use pairing::{Paired, Pairing};
 pub use ring::{Ring, StreamRing};
 pub use stream::{EPOCH_PACKETS, Opened, StreamOpener, StreamSealer};
+pub use update_end::{ToldOfUpdate, UpdateEnd};
+pub use updater::UpdaterId;
 pub use window::Window;
 pub use wire::{
     Announcement, BoxState, SEALED_BYTES_MAX, SEALED_FRAME_BYTES_MAX, TOKEN_BYTES,

@@ -9,8 +9,8 @@ use heapless::Vec;
 use super::Peer;
 use super::channel::{Channel, session_of};
 use super::listeners::{Caller, LISTENERS_MAX};
-use super::wire::ACCEPTANCE_BYTES;
-use crate::tell::packet::{Message, is_sent_by};
+use super::wire::{ACCEPTANCE_BYTES, Purpose};
+use crate::tell::packet::Body;
 
 /// Most handshakes that wait: two of each listener.
 pub(super) const PENDING_MAX: usize = 2 * LISTENERS_MAX;
@@ -34,7 +34,7 @@ pub(super) struct Pending {
     /// The beginning of the host's public key.
     pub(super) seen: [u8; SEEN_BYTES],
     /// Sent again if the host asks again.
-    pub(super) acceptance: [u8; ACCEPTANCE_BYTES],
+    pub(super) acceptance: Vec<u8, ACCEPTANCE_BYTES>,
     pub(super) begun_ns: u64,
 }
 
@@ -79,15 +79,22 @@ impl Handshakes {
         }
     }
 
-    /// The session that begins with this packet, and its message.
-    pub(super) fn begin(&mut self, from: Peer, packet: &[u8]) -> Option<(Pending, Message)> {
+    /// The session for this purpose that begins with this packet, and its message, which must be one
+    /// that a host sends.
+    pub(super) fn begin<B: Body>(
+        &mut self,
+        purpose: Purpose,
+        from: Peer,
+        packet: &[u8],
+        is_of_host: impl FnOnce(&B) -> bool,
+    ) -> Option<(Pending, B)> {
         let session = session_of(packet)?;
-        let is_it = |it: &Pending| it.peer == from && it.channel.session() == session;
+        let is_it = |it: &Pending| {
+            let channel = &it.channel;
+            it.peer == from && channel.purpose() == purpose && channel.session() == session
+        };
         let place = self.pending.iter_mut().find(|it| it.as_ref().is_some_and(is_it))?;
-        let message = place.as_mut()?.channel.open(packet)?;
-        if !is_sent_by(&message, None) {
-            return None;
-        }
+        let message = place.as_mut()?.channel.open(packet).filter(is_of_host)?;
         let begun = place.take()?;
         // What the same program began before, and did not go on with, must not come back late.
         let process = begun.caller.process;

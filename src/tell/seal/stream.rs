@@ -212,7 +212,7 @@ impl StreamOpener {
             (self.before, self.key) = (Some(before), key);
         }
         self.window.take(counter);
-        Some(Opened { counter, message: message? })
+        Some(Opened { counter, message: message.ok()? })
     }
 
     /// Whether a packet that has not been opened is of this stream all the same, and has come before
@@ -227,6 +227,6 @@ impl StreamOpener {
         !self.window.is_new(counter)
             && keys
                 .filter(|key| key.epoch == counter / EPOCH_PACKETS)
-                .any(|key| open_body(packet, reader.0, &key.key, counter).is_some())
+                .any(|key| open_body::<Message>(packet, reader.0, &key.key, counter).is_some())
     }
 }

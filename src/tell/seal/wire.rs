@@ -1,9 +1,10 @@
 //! What each packet of the link looks like before anything in it is opened.
 //!
 //! Announcement, greeting and answer look like this in all versions of the protocol: by them a box and
-//! a host of different releases learn that they are.
+//! a host of different releases learn that they are. So do the packets of an update, by which one of
+//! them becomes of the same release as the other.
 
-use heapless::String;
+use heapless::{String, Vec};
 
 use super::aead::{KEY_BYTES, TAG_BYTES, is_mac, mac};
 use super::handshake::NOISE_BYTES;
@@ -69,6 +70,10 @@ const _: () = assert!(ACCEPTANCE_BYTES <= OPENING_BYTES && OPENING_BYTES <= SEAL
 /// The lowest and the highest version of the protocol that this program speaks.
 pub(super) const VERSIONS: [u8; 2] = [PROTOCOL_VERSION, PROTOCOL_VERSION];
 
+/// The first byte of the packets of an update: the version of the protocol that had them first. They
+/// are the same in all later ones.
+const UPDATE_VERSION: u8 = 4;
+
 /// What a packet is: its second byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
@@ -93,11 +98,17 @@ pub(super) enum Kind {
     Pairing = 9,
     /// A box's answer to that.
     Paired = 10,
+    /// An opening of a session in which the box is updated.
+    UpdateOpening = 11,
+    /// The acceptance of such a session.
+    UpdateAcceptance = 12,
+    /// What host and box say in it.
+    UpdateChannel = 13,
 }
 
 impl Kind {
-    /// The kind of a packet that this version can read, and what follows: one of meeting, or of this
-    /// version.
+    /// The kind of a packet that this version can read, and what follows: one that is the same in all
+    /// versions, or of this one.
     pub(super) fn of(packet: &[u8]) -> Option<(Self, &[u8])> {
         let [version, kind, rest @ ..] = packet else { return None };
         let kind = match kind {
@@ -111,17 +122,55 @@ impl Kind {
             8 => Self::OneWay,
             9 => Self::Pairing,
             10 => Self::Paired,
+            11 => Self::UpdateOpening,
+            12 => Self::UpdateAcceptance,
+            13 => Self::UpdateChannel,
             _ => return None,
         };
-        (kind.is_of_meeting() || *version == PROTOCOL_VERSION).then_some((kind, rest))
+        (kind.is_of_all_versions() || *version == PROTOCOL_VERSION).then_some((kind, rest))
     }
 
-    /// Whether it is one of the packets by which a box and a host learn what the other speaks. Their
-    /// layout is the same in all versions, and their first byte, the highest version that the sender
-    /// speaks, is not checked: whether there can be a session is decided by the versions in an answer
-    /// that is authentic.
-    fn is_of_meeting(self) -> bool {
-        matches!(self, Self::Announcement | Self::Greeting | Self::Answer)
+    /// Whether it is one of the packets by which a box and a host learn what the other speaks, or of an
+    /// update. Their layout is the same in all versions, and their first byte is not checked: whether
+    /// there can be a session of this version is decided by the versions in an answer that is authentic.
+    fn is_of_all_versions(self) -> bool {
+        matches!(self, Self::Announcement | Self::Greeting | Self::Answer) || self.is_of_update()
+    }
+
+    fn is_of_update(self) -> bool {
+        matches!(self, Self::UpdateOpening | Self::UpdateAcceptance | Self::UpdateChannel)
+    }
+}
+
+/// What a session is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Purpose {
+    /// The host listens to the box, with the messages of this version.
+    Listening,
+    /// The host updates the box, with messages that are the same in all versions.
+    Updating,
+}
+
+impl Purpose {
+    pub(super) fn opening(self) -> Kind {
+        match self {
+            Self::Listening => Kind::Opening,
+            Self::Updating => Kind::UpdateOpening,
+        }
+    }
+
+    pub(super) fn acceptance(self) -> Kind {
+        match self {
+            Self::Listening => Kind::Acceptance,
+            Self::Updating => Kind::UpdateAcceptance,
+        }
+    }
+
+    pub(super) fn channel(self) -> Kind {
+        match self {
+            Self::Listening => Kind::Channel,
+            Self::Updating => Kind::UpdateChannel,
+        }
     }
 }
 
@@ -183,7 +232,7 @@ impl Announcement {
 
     /// Writes it as a packet.
     pub(super) fn packet<'a>(&self, buffer: &'a mut [u8; SEALED_BYTES_MAX]) -> &'a [u8] {
-        let mut writer = Writer::of_meeting(buffer, self.versions[1], Kind::Announcement);
+        let mut writer = Writer::beginning(buffer, self.versions[1], Kind::Announcement);
         self.write(&mut writer);
         writer.with_checksum()
     }
@@ -230,7 +279,7 @@ impl Answer {
         buffer: &'a mut [u8; SEALED_BYTES_MAX],
     ) -> &'a [u8] {
         let version = self.announcement.versions[1];
-        let mut writer = Writer::of_meeting(buffer, version, Kind::Answer);
+        let mut writer = Writer::beginning(buffer, version, Kind::Answer);
         writer.put(self.token);
         writer.put(self.cookie);
         self.announcement.write(&mut writer);
@@ -258,7 +307,7 @@ impl Answer {
 /// A host's greeting: its token, which the answer repeats, and zeros. A program that does not know
 /// which box is there learns it from the answer: see [`Announcement::parse`].
 pub fn greeting(token: [u8; TOKEN_BYTES], buffer: &mut [u8; SEALED_BYTES_MAX]) -> &[u8] {
-    let mut writer = Writer::of_meeting(buffer, VERSIONS[1], Kind::Greeting);
+    let mut writer = Writer::beginning(buffer, VERSIONS[1], Kind::Greeting);
     writer.put(token);
     while writer.length < GREETING_BYTES {
         writer.put([0]);
@@ -304,22 +353,28 @@ impl Terms {
         })
     }
 
-    /// The prologue of the handshake: the version that both chose, the messages that both know, the
-    /// terms, and the cookie, without which an opening could be played again from elsewhere.
-    pub(super) fn prologue(&self, cookie: &[u8; COOKIE_BYTES]) -> [u8; PROLOGUE_BYTES] {
-        let mut prologue = [0; PROLOGUE_BYTES];
-        let (label, rest) = prologue.split_at_mut(PROLOGUE_LABEL.len());
-        label.copy_from_slice(PROLOGUE_LABEL);
-        rest[0] = PROTOCOL_VERSION;
-        rest[1..5].copy_from_slice(&SCHEMA_HASH.to_le_bytes());
-        rest[5..][..TERMS_BYTES].copy_from_slice(&self.bytes());
-        rest[5 + TERMS_BYTES..].copy_from_slice(cookie);
-        prologue
+    /// The prologue of the handshake: the version that both chose and the messages that both know,
+    /// unless it is for an update, the terms, and the cookie, without which an opening could be played
+    /// again from elsewhere.
+    pub(super) fn prologue(
+        &self,
+        purpose: Purpose,
+        cookie: &[u8; COOKIE_BYTES],
+    ) -> Vec<u8, PROLOGUE_BYTES_MAX> {
+        let schema_hash = SCHEMA_HASH.to_le_bytes();
+        let agreed: [&[u8]; 3] = match purpose {
+            Purpose::Listening => [b"plumbline link", &[PROTOCOL_VERSION], &schema_hash],
+            Purpose::Updating => [b"plumbline update", &[], &[]],
+        };
+        let terms = self.bytes();
+        let parts = agreed.into_iter().chain([&terms[..], &cookie[..]]);
+        // There is room for the longer one.
+        parts.flatten().copied().collect()
     }
 }
 
-const PROLOGUE_LABEL: &[u8] = b"plumbline link";
-pub(super) const PROLOGUE_BYTES: usize = PROLOGUE_LABEL.len() + 1 + 4 + TERMS_BYTES + COOKIE_BYTES;
+/// Longest prologue: label, version and schema hash, terms, cookie.
+const PROLOGUE_BYTES_MAX: usize = 14 + 1 + 4 + TERMS_BYTES + COOKIE_BYTES;
 
 /// Writes a counter, 7 bits in a byte, the lowest first; all but the last have their highest bit set.
 pub(super) fn put_counter(writer: &mut Writer<'_>, mut counter: u64) {
@@ -356,13 +411,14 @@ pub(super) struct Writer<'a> {
 }
 
 impl<'a> Writer<'a> {
-    /// A packet of this version.
+    /// A packet of this version, or of an update.
     pub(super) fn new(buffer: &'a mut [u8; SEALED_BYTES_MAX], kind: Kind) -> Self {
-        Self::of_meeting(buffer, PROTOCOL_VERSION, kind)
+        let version = if kind.is_of_update() { UPDATE_VERSION } else { PROTOCOL_VERSION };
+        Self::beginning(buffer, version, kind)
     }
 
-    /// A packet of meeting, of a sender that speaks no higher version than this.
-    fn of_meeting(buffer: &'a mut [u8; SEALED_BYTES_MAX], version: u8, kind: Kind) -> Self {
+    /// A packet that begins with this version: of meeting, the highest that the sender speaks.
+    fn beginning(buffer: &'a mut [u8; SEALED_BYTES_MAX], version: u8, kind: Kind) -> Self {
         let mut writer = Self { buffer, length: 0 };
         writer.put([version, kind as u8]);
         writer

@@ -13,6 +13,7 @@ use plumbline_bedside::link::{Carried, Way, called};
 use plumbline_bedside::setup::Descriptions;
 use plumbline_files::BadInput;
 use plumbline_stream::link::{BAUD, BoxLink};
+use plumbline_stream::update_link::UpdateLink;
 
 /// How to reach a box: it announces itself to this computer, and answers whoever has its key.
 #[derive(Debug, Clone, Args)]
@@ -88,12 +89,23 @@ impl LinkArguments {
     /// # Errors
     /// As [`open`](Self::open).
     pub fn open_with(&self, past: bool) -> Result<BoxLink, BadInput> {
+        self.way().open(&program(), past, |warning| eprintln!("warning: {warning}"))
+    }
+
+    /// Opens the socket or the line to update the box.
+    ///
+    /// # Errors
+    /// When it cannot be opened.
+    pub fn open_for_update(&self) -> Result<UpdateLink, BadInput> {
+        self.way().open_for_update(&program(), |warning| eprintln!("warning: {warning}"))
+    }
+
+    fn way(&self) -> Way {
         let carried = match &self.serial {
             Some(device) => Carried::Serial { device: device.clone(), baud: self.baud },
             None => Carried::Udp(self.udp),
         };
-        let way = Way { carried, called: self.called.clone(), at: None };
-        way.open(&program(), past, |warning| eprintln!("warning: {warning}"))
+        Way { carried, called: self.called.clone(), at: None }
     }
 }
 

@@ -17,8 +17,10 @@ use crate::ui::waiting;
 /// Whatever fails, hangs or loses power, the box starts with what it had, and says here why.
 ///
 /// A box takes what was signed with one of the keys that its card was made with, for its own board, and
-/// no version older than the oldest that its program allows. While somebody records a trial it takes
-/// nothing. Its configuration and its key stay as they are.
+/// no version older than the oldest that its program allows. Its configuration and its key stay as they
+/// are. While somebody records a trial the update waits, and goes on when it is over.
+///
+/// The box may be of another release than this program, an older one or a newer one.
 ///
 /// An update of 20 MB takes about two minutes over a network, and half an hour over a serial line. A box that
 /// is a program on a Debian or Raspberry Pi OS is updated with apt.
@@ -45,7 +47,7 @@ pub struct Arguments {
     #[command(flatten)]
     link: LinkArguments,
 
-    /// Do it even while somebody records a trial, which it spoils
+    /// Do not wait while somebody records a trial, but spoil it
     #[arg(long)]
     force: bool,
 }
@@ -62,7 +64,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return Ok(());
     }
     eprintln!("{}: {file}", arguments.file.display());
-    let mut link = arguments.link.open()?;
+    let mut link = arguments.link.open_for_update()?;
     let bar = ProgressBar::new(file.bytes() as u64);
     if let Ok(style) = ProgressStyle::with_template(
         "sending {wide_bar} {bytes}/{total_bytes} {bytes_per_sec}, {eta} left",
@@ -75,9 +77,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             bar.finish_and_clear();
         }
     };
-    let hello =
+    let version =
         update::install(&mut link, &file, arguments.force, &mut progress, &mut waiting::shown())
             .inspect_err(|_| bar.finish_and_clear())?;
-    eprintln!("{} runs it from now on ({})", hello.device, hello.firmware);
+    eprintln!("{}: the box runs it from now on ({version})", link.place());
     Ok(())
 }

@@ -18,6 +18,7 @@ use plumbline::packet::{Deframer, Message, Packet, PacketError, decode_datagram}
 use plumbline::seal::{Announcement, Peer};
 use plumbline_files::BadInput;
 
+pub(crate) use sealed::{GREET_EVERY, caller, draw, token};
 pub use sealed::{KnownBox, Link, Memory};
 pub use serial::{Line, Opener, Serial};
 pub use udp::{HeardElsewhere, Udp};
@@ -155,4 +156,22 @@ pub trait Carrier {
 
     /// Datagrams that this computer's own system has dropped, as far as it tells.
     fn dropped_here(&self) -> Option<u64>;
+}
+
+impl Carrier for Box<dyn Carrier> {
+    fn poll(&mut self, wait: Duration, take: &mut dyn FnMut(Arrived<'_>)) -> Result<(), BadInput> {
+        (**self).poll(wait, take)
+    }
+
+    fn send(&mut self, to: Peer, packet: &[u8]) {
+        (**self).send(to, packet);
+    }
+
+    fn only_peer(&self) -> Option<Peer> {
+        (**self).only_peer()
+    }
+
+    fn dropped_here(&self) -> Option<u64> {
+        (**self).dropped_here()
+    }
 }

@@ -24,7 +24,7 @@ use crate::text;
 const SHORT_WAIT: Duration = Duration::from_millis(20);
 
 /// A box that cannot be known from its announcements is greeted this often.
-const GREET_EVERY: Duration = Duration::from_millis(500);
+pub(crate) const GREET_EVERY: Duration = Duration::from_millis(500);
 
 /// A goodbye is sent this often, without a wait between: nothing answers it, and a packet alone is
 /// lost now and then.
@@ -99,18 +99,10 @@ impl<C: Carrier> Link<C> {
     /// A link over a carrier to one of these boxes, for a program of this name.
     #[must_use]
     pub fn new(carrier: C, boxes: Vec<KnownBox>, program: &str) -> Self {
-        let drawn = draw();
-        let mut name = heapless::String::new();
-        for letter in program.chars().map(shown) {
-            if name.len() + letter.len_utf8() <= CALLER_NAME_BYTES_MAX {
-                let _ = name.push(letter);
-            }
-        }
-        let process = u32::from_le_bytes([drawn[0], drawn[1], drawn[2], drawn[3]]);
         let mut link = Self {
             carrier,
             boxes,
-            caller: Caller { process, name },
+            caller: caller(program),
             begun: Instant::now(),
             chosen: Chosen::None,
             order: None,
@@ -407,17 +399,30 @@ fn hand(packet: Packet, take: &mut dyn FnMut(Event)) {
     take(Event::Packet(packet));
 }
 
+/// What this program is called at boxes.
+pub(crate) fn caller(program: &str) -> Caller {
+    let drawn = draw();
+    let mut name = heapless::String::new();
+    for letter in program.chars().map(shown) {
+        if name.len() + letter.len_utf8() <= CALLER_NAME_BYTES_MAX {
+            let _ = name.push(letter);
+        }
+    }
+    let process = u32::from_le_bytes([drawn[0], drawn[1], drawn[2], drawn[3]]);
+    Caller { process, name }
+}
+
 /// Random bytes from the operating system.
 ///
 /// # Panics
 /// When the system has none, on which nothing can be sealed.
-fn draw() -> [u8; 32] {
+pub(crate) fn draw() -> [u8; 32] {
     let mut bytes = [0; 32];
     getrandom::fill(&mut bytes).expect("the operating system gives random bytes");
     bytes
 }
 
-fn token() -> [u8; TOKEN_BYTES] {
+pub(crate) fn token() -> [u8; TOKEN_BYTES] {
     let drawn = draw();
     std::array::from_fn(|index| drawn[index])
 }

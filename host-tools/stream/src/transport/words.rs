@@ -15,11 +15,11 @@ pub(super) fn words_of(name: Option<&str>, obstacle: &Obstacle) -> (String, Stri
                 format!("versions {lowest} to {highest}")
             };
             let remedy = if *lowest > PROTOCOL_VERSION {
-                "this program is the older one: update Plumbline on this computer, or write the box's \
-                 card with an image of the release that is on this computer"
+                "this program is the older one: update Plumbline on this computer, or give the box the \
+                 release that is on this computer (`plumb update`, or another card)"
             } else {
-                "the box is the older one: write its card with an image of the release that is on this \
-                 computer, or use the box's release of Plumbline here"
+                "the box is the older one: give it the release that is on this computer (`plumb update`, or \
+                 another card), or use the box's release of Plumbline here"
             };
             let what =
                 format!("{subject} speaks {spoken} of the link, this program {PROTOCOL_VERSION}");
@@ -30,8 +30,8 @@ pub(super) fn words_of(name: Option<&str>, obstacle: &Obstacle) -> (String, Stri
                 "{subject} is of another release: its messages are {hash:08x}, this program's are \
                  {SCHEMA_HASH:08x}"
             ),
-            "give both the same release: update Plumbline on this computer, or write the box's card \
-             with an image of the release that is on this computer"
+            "give both the same release: update Plumbline on this computer, or the box (`plumb update`, \
+             or another card)"
                 .to_owned(),
         ),
         Obstacle::Busy { reason } => {

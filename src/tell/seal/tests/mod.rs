@@ -8,6 +8,7 @@ mod hostile;
 mod leaving;
 mod restarts;
 mod stream;
+mod update;
 mod vectors;
 mod versions;
 mod world;

@@ -77,15 +77,15 @@ fn a_host_of_any_version_is_answered() {
     }
 }
 
-/// All but the packets of meeting are of one version.
+/// All but the packets of meeting and of updates are of one version.
 #[test]
 fn what_follows_the_meeting_is_of_one_version() {
     for kind in 0..=255 {
         for version in [PROTOCOL_VERSION - 1, PROTOCOL_VERSION + 1, 0, 255] {
-            let is_of_meeting = (1..=3).contains(&kind);
-            assert_eq!(Kind::of(&[version, kind, 7]).is_some(), is_of_meeting, "{version} {kind}");
+            let is_of_all = matches!(kind, 1..=3 | 11..=13);
+            assert_eq!(Kind::of(&[version, kind, 7]).is_some(), is_of_all, "{version} {kind}");
         }
-        let is_known = (1..=10).contains(&kind);
+        let is_known = (1..=13).contains(&kind);
         assert_eq!(Kind::of(&[PROTOCOL_VERSION, kind]).is_some(), is_known, "{kind}");
     }
 }

@@ -300,7 +300,7 @@ impl World {
                 let (_, packet) = bx.end.seal_to(listener, &reply, &mut buffer).unwrap().unwrap();
                 answers.push(packet.to_vec());
             }
-            Heard::Pairing(_) => panic!("nobody pairs"),
+            Heard::Pairing(_) | Heard::Update { .. } => panic!("nobody pairs or updates"),
         }
         answers
     }

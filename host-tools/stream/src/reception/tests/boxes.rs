@@ -159,12 +159,15 @@ fn a_box_of_another_release_is_explained() {
         (
             [ours + 2, ours + 4],
             SCHEMA_HASH,
-            ["speaks versions 6 to 8 of", "write the box's card with an image"],
+            ["speaks versions 6 to 8 of", "or give the box the release that is on this computer"],
         ),
         (
             [1, ours - 1],
             0,
-            ["speaks versions 1 to 3 of", "the box is the older one: write its card with an image"],
+            [
+                "speaks versions 1 to 3 of",
+                "the box is the older one: give it the release that is on",
+            ],
         ),
         (
             [ours; 2],
