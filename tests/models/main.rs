@@ -7,6 +7,7 @@
 //! | `journal` | a journal that was cut reads as what was written before the cut |
 //! | `solver` | a pose follows a turn of the scene, and any choice of the frames |
 //! | `clock` | time never runs backwards, and is as certain as it is said to be |
+//! | `published` | so it is for frames that are published while the clocks become better known |
 //!
 //! | module | state machine, in everything that it can do up to a number of steps |
 //! |---|---|
@@ -22,6 +23,7 @@ mod clock;
 mod handshake;
 mod journal;
 mod laws;
+mod published;
 mod sessions;
 mod solver;
 mod track;

@@ -456,4 +456,6 @@ impl Receiving {
 }
 
 #[cfg(test)]
+mod model;
+#[cfg(test)]
 mod tests;
