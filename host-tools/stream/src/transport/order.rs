@@ -117,10 +117,12 @@ mod tests {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
             let (begin, first) = (Instant::now(), random.random_range(0..1000_u64));
             let reach = random.random_range(1..20_u64);
-            let mut coming: Vec<(u64, u64)> = (first..first + 60)
-                .filter(|_| random.random_bool(0.9))
-                .map(|counter| (counter + random.random_range(0..reach), counter))
-                .collect();
+            let mut coming = Vec::new();
+            for counter in first..first + 60 {
+                if random.random_bool(0.9) {
+                    coming.push((counter + random.random_range(0..reach), counter));
+                }
+            }
             coming.sort_unstable();
             let mut order = Order::starting_at(first);
             let (mut handed, mut came) = (Vec::<u64>::new(), BTreeMap::new());
