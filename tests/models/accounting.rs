@@ -148,7 +148,7 @@ fn every_frame_is_told_once(tries: Tries) {
 
 #[test]
 fn every_frame_is_told_once_for_what_it_is() {
-    every_frame_is_told_once(Tries::few(2_000));
+    every_frame_is_told_once(Tries::few(1_000));
 }
 
 #[test]
@@ -201,7 +201,7 @@ fn sums_agree_whatever_comes(tries: Tries) {
 
 #[test]
 fn sums_agree_for_whatever_comes() {
-    sums_agree_whatever_comes(Tries::few(2_000));
+    sums_agree_whatever_comes(Tries::few(1_000));
 }
 
 #[test]

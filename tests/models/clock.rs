@@ -54,7 +54,7 @@ fn never_backwards(tries: Tries) {
 
 #[test]
 fn time_never_runs_backwards() {
-    never_backwards(Tries::few(5_000));
+    never_backwards(Tries::few(2_000));
 }
 
 #[test]
@@ -179,7 +179,7 @@ fn the_truth_is_covered(tries: Tries) {
 
 #[test]
 fn what_is_stated_covers_the_truth() {
-    the_truth_is_covered(Tries::few(2_000));
+    the_truth_is_covered(Tries::few(1_000));
 }
 
 #[test]
@@ -210,7 +210,7 @@ fn a_jump_is_covered(tries: Tries) {
 
 #[test]
 fn what_is_stated_covers_a_jump() {
-    a_jump_is_covered(Tries::few(2_000));
+    a_jump_is_covered(Tries::few(1_000));
 }
 
 #[test]

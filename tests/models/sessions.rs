@@ -95,7 +95,7 @@ fn restarts_add_up(tries: Tries) {
 
 #[test]
 fn restarts_add_up_to_their_parts() {
-    restarts_add_up(Tries::few(300));
+    restarts_add_up(Tries::few(150));
 }
 
 #[test]
@@ -190,7 +190,7 @@ fn every_packet_is_counted_once(tries: Tries) {
 
 #[test]
 fn every_packet_is_counted_exactly_once() {
-    every_packet_is_counted_once(Tries::few(1_000));
+    every_packet_is_counted_once(Tries::few(400));
 }
 
 #[test]
@@ -227,7 +227,7 @@ fn looking_changes_nothing(tries: Tries) {
 
 #[test]
 fn a_look_changes_nothing() {
-    looking_changes_nothing(Tries::few(1_000));
+    looking_changes_nothing(Tries::few(400));
 }
 
 #[test]

@@ -34,9 +34,12 @@ impl<T> Order<T> {
 
     /// Lets time pass. Nothing before `first_missing` comes any more.
     pub(super) fn pass(&mut self, now: Instant, first_missing: u64, hand: &mut dyn FnMut(T)) {
-        while let Some((&first, (came, _))) = self.held.first_key_value() {
-            let is_gone = first <= first_missing;
-            if !(is_gone || now.saturating_duration_since(*came) >= HOLD) {
+        // One that has waited for long enough takes those before it along, though they came later.
+        let is_overdue = |came: Instant| now.saturating_duration_since(came) >= HOLD;
+        let mut held = self.held.iter();
+        let overdue = held.rfind(|(_, (came, _))| is_overdue(*came)).map(|(counter, _)| *counter);
+        while let Some((&first, _)) = self.held.first_key_value() {
+            if first > first_missing && overdue.is_none_or(|it| first > it) {
                 return;
             }
             self.next = first;
