@@ -90,7 +90,7 @@ fn a_cut_gives_a_beginning(tries: Tries) {
 
 #[test]
 fn a_journal_that_was_cut_is_the_beginning_of_what_was_written() {
-    a_cut_gives_a_beginning(Tries::few(300));
+    a_cut_gives_a_beginning(Tries::few(150));
 }
 
 #[test]
