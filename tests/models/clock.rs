@@ -60,7 +60,7 @@ fn time_never_runs_backwards() {
 #[test]
 #[ignore = "takes minutes: cargo xtask test endurance"]
 fn time_never_runs_backwards_many_times() {
-    never_backwards(Tries::many(3_000_000));
+    never_backwards(Tries::many(1_000_000));
 }
 
 /// One question: the pause before it, the ways there and back, and what the box takes to answer, ns.
@@ -185,7 +185,7 @@ fn what_is_stated_covers_the_truth() {
 #[test]
 #[ignore = "takes minutes: cargo xtask test endurance"]
 fn what_is_stated_covers_the_truth_many_times() {
-    the_truth_is_covered(Tries::many(1_000_000));
+    the_truth_is_covered(Tries::many(500_000));
 }
 
 fn a_jump_is_covered(tries: Tries) {
@@ -216,5 +216,5 @@ fn what_is_stated_covers_a_jump() {
 #[test]
 #[ignore = "takes minutes: cargo xtask test endurance"]
 fn what_is_stated_covers_a_jump_many_times() {
-    a_jump_is_covered(Tries::many(1_000_000));
+    a_jump_is_covered(Tries::many(500_000));
 }

@@ -101,7 +101,7 @@ fn restarts_add_up_to_their_parts() {
 #[test]
 #[ignore = "takes minutes: cargo xtask test endurance"]
 fn restarts_add_up_to_their_parts_many_times() {
-    restarts_add_up(Tries::many(100_000));
+    restarts_add_up(Tries::many(50_000));
 }
 
 /// What somebody may send: a start, and what of it.
@@ -196,7 +196,7 @@ fn every_packet_is_counted_exactly_once() {
 #[test]
 #[ignore = "takes minutes: cargo xtask test endurance"]
 fn every_packet_is_counted_exactly_once_many_times() {
-    every_packet_is_counted_once(Tries::many(300_000));
+    every_packet_is_counted_once(Tries::many(150_000));
 }
 
 fn looking_changes_nothing(tries: Tries) {
@@ -233,5 +233,5 @@ fn a_look_changes_nothing() {
 #[test]
 #[ignore = "takes minutes: cargo xtask test endurance"]
 fn a_look_changes_nothing_many_times() {
-    looking_changes_nothing(Tries::many(300_000));
+    looking_changes_nothing(Tries::many(150_000));
 }
