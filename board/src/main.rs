@@ -124,7 +124,7 @@ fn run(cli: &Cli) -> Result<()> {
         },
         store: Some(ConfigStore::file(&cli.config)),
         may_reboot: cli.supervised,
-        updates: Updates::impossible(
+        updates: &mut Updates::impossible(
             "it is a program among others on its computer, and is updated as these are, with apt",
         ),
     };

@@ -14,6 +14,7 @@
 mod machine;
 mod scene;
 
+mod another_system;
 mod configuration;
 mod endurance;
 mod first_trial;
@@ -28,7 +29,6 @@ mod provisioning;
 mod strangers;
 mod trigger;
 mod trouble;
-mod update;
 
 use std::path::Path;
 

@@ -195,7 +195,7 @@ fn the_box() {
         triggers: Triggers::default(),
         store: None,
         may_reboot: false,
-        updates: Updates::impossible("it is no box of its own"),
+        updates: &mut Updates::impossible("it is no box of its own"),
     };
     let capture = config.capture.clone().expect("it names a camera");
     let mut camera = Camera::<Played>::new(capture, SIZE_PX, config.readout_ns);

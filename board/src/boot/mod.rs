@@ -227,12 +227,11 @@ fn measure(
         triggers: Triggers::of(config.trigger.as_ref(), config.capture.as_ref()),
         store: card.config_store,
         may_reboot: true,
-        updates: std::mem::replace(updates, Updates::impossible("")),
+        updates,
     };
     realtime::set_up(&config.machine);
     let never = AtomicBool::new(false);
     let ended = session::run(pipeline, config, &mut source, setup, &never);
-    *updates = ended.updates;
     ended.broken.map_or(Ok(()), |message| bail!(message))
 }
 

@@ -10,7 +10,7 @@ use super::Session;
 use crate::provisioning::refused;
 use crate::source::{Exposure, FrameSource};
 
-impl Session {
+impl Session<'_> {
     /// Carries out what a listener has asked for.
     pub(super) fn carry_out(
         &mut self,

@@ -55,7 +55,7 @@ const POSE_BESIDE_DOCUMENT: Duration = Duration::from_millis(200);
 
 /// What a session needs besides the configuration.
 #[derive(Debug)]
-pub struct Setup {
+pub struct Setup<'a> {
     /// Where the packets go.
     pub links: Links,
     /// How often the program has started, if that is counted.
@@ -71,7 +71,7 @@ pub struct Setup {
     /// Whether the host may ask for a restart, which the caller then carries out.
     pub may_reboot: bool,
     /// The update of the whole system.
-    pub updates: Updates,
+    pub updates: &'a mut Updates,
 }
 
 /// Tracks until the source ends, the host asks for a restart, or `stop` is set.
@@ -79,16 +79,16 @@ pub fn run(
     pipeline: &mut Pipeline,
     config: &Config,
     source: &mut impl FrameSource,
-    setup: Setup,
+    setup: Setup<'_>,
     stop: &AtomicBool,
 ) -> Ended {
     let mut session = Session::new(config, setup);
     let broken = session.run(pipeline, source, stop);
-    let (summary, unrecorded, updates) = session.finish();
-    Ended { summary, broken, unrecorded, updates }
+    let (summary, unrecorded) = session.finish();
+    Ended { summary, broken, unrecorded }
 }
 
-struct Session {
+struct Session<'a> {
     started: Instant,
     hello: Hello,
     /// The configuration in use, encoded for hosts.
@@ -107,15 +107,15 @@ struct Session {
     aim: Aim,
     outgoing: Outgoing,
     provisioning: Provisioning,
-    updates: Updates,
+    updates: &'a mut Updates,
     /// Who wants a View of the next frame, by their places.
     views_wanted: [Option<ListenerId>; LISTENERS_MAX],
     /// When the last pose was sent beside a document.
     pose_beside: Instant,
 }
 
-impl Session {
-    fn new(config: &Config, setup: Setup) -> Self {
+impl<'a> Session<'a> {
+    fn new(config: &Config, setup: Setup<'a>) -> Self {
         let started = Instant::now();
         let mut blob = heapless::Vec::new();
         // The vector has room for every configuration.
@@ -371,7 +371,7 @@ impl Session {
 
     /// Tells the hosts that the session ends, and sends waiting packets. Returns the figures,
     /// and why packets could not be recorded, if so.
-    fn finish(mut self) -> (Summary, Option<String>, Updates) {
+    fn finish(mut self) -> (Summary, Option<String>) {
         let source = self.counters.source;
         self.counters.source.camera = CameraState::Ended;
         self.send_logs();
@@ -387,11 +387,11 @@ impl Session {
             step: self.counters.step,
             latency: self.counters.latency,
         };
-        (summary, unrecorded, self.updates)
+        (summary, unrecorded)
     }
 }
 
-fn hello(config: &Config, setup: &Setup) -> Hello {
+fn hello(config: &Config, setup: &Setup<'_>) -> Hello {
     let targets = config.targets.iter().map(|target| TargetInfo {
         name: target.name.clone(),
         role: target.geometry.role(),

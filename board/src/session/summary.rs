@@ -5,7 +5,6 @@ use std::time::Duration;
 use super::durations::Durations;
 use crate::link::Counts;
 use crate::source::Condition;
-use crate::update::Updates;
 
 use plumbline::packet::{CameraState, LINKS_MAX};
 
@@ -18,8 +17,6 @@ pub struct Ended {
     pub broken: Option<String>,
     /// Why packets could not be recorded, if they could not.
     pub unrecorded: Option<String>,
-    /// The update of the system, as the session has left it.
-    pub updates: Updates,
 }
 
 /// The figures of a session.

@@ -1,5 +1,4 @@
-//! The link to a box that is updated, of whatever release it is: see
-//! [`UpdateEnd`].
+//! The link to a box that is updated, of whatever release it is: see [`UpdateEnd`].
 //!
 //! The link may lose and repeat packets. A request is repeated until it is answered, with another
 //! number each time; repeating one does no harm. No wait is unlimited.
@@ -147,8 +146,7 @@ impl UpdateLink {
         Err(BadInput::whole(
             &self.place,
             "the box does not answer what it is asked about the update",
-            "check with `plumb doctor` that nothing stops packets on the way to the box; a box of a \
-             release before 0.1 cannot be updated over its link: write its card anew",
+            "check with `plumb doctor` that nothing stops packets on the way to the box",
         ))
     }
 

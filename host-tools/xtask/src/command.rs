@@ -307,6 +307,15 @@ pub fn run_beside_each_other(jobs: Vec<Job<'_>>) -> Result<()> {
     Ok(())
 }
 
+/// Leaves the processor to whoever wants it: this thread from now on, and the programs that it starts.
+pub fn give_way() {
+    // It ends in the thread's number. Where there is none, or no program that does it, everything only
+    // takes longer.
+    let Ok(place) = std::fs::read_link("/proc/thread-self") else { return };
+    let Some(thread) = place.file_name() else { return };
+    let _ = Task::new("renice").args(["-n", "10", "-p"]).args([thread]).output();
+}
+
 /// A word as one would type it in a shell.
 pub fn quoted(word: &OsStr) -> String {
     let word = word.to_string_lossy();
@@ -382,6 +391,19 @@ mod tests {
         assert_eq!(told, ["number 1", "number 3"]);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), jobs);
         assert!(run_beside_each_other(Vec::new()).is_ok());
+    }
+
+    #[test]
+    fn a_thread_that_gives_way_starts_programs_that_do() {
+        let nice = || Task::new("nice").output().unwrap().trim().parse::<i32>().unwrap();
+        let (before, here) = (nice(), thread::spawn(give_way));
+        here.join().unwrap();
+        assert_eq!(nice(), before, "another thread has given way");
+        let beside = thread::spawn(move || {
+            give_way();
+            nice()
+        });
+        assert_eq!(beside.join().unwrap(), before.max(10));
     }
 
     #[test]

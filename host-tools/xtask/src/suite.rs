@@ -2,8 +2,8 @@
 //!
 //! `cargo test` runs one program after the other, and many of ours wait for sockets or for frames
 //! of a paced recording. Here cargo builds all of them and reports where they are; as many run at a
-//! time as there are processor cores. The output of a program is shown when it ends, complete and
-//! in cargo's own format. Documentation tests have no program, so cargo runs them.
+//! time as there are processor cores, and one more. The output of a program is shown when it ends,
+//! complete and in cargo's own format. Documentation tests have no program, so cargo runs them.
 
 use std::cmp::Reverse;
 use std::io;
@@ -14,7 +14,7 @@ use std::{fs, thread};
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 
-use crate::command::{Task, root};
+use crate::command::{Job, Task, root, run_beside_each_other};
 
 /// Which tests to build and run.
 pub struct Suite<'a> {
@@ -41,22 +41,26 @@ struct Program {
 }
 
 impl Suite<'_> {
-    /// Builds and runs the tests; each line that they print is also passed to `each_line`. An error
-    /// if something does not build or a program fails.
-    pub fn run(&self, mut each_line: impl FnMut(&str)) -> Result<()> {
+    /// Builds the tests, and runs them and `beside` at the same time; each line that they print is also
+    /// passed to `each_line`. An error if something does not build or a program fails; what comes of
+    /// `beside` is its own affair.
+    pub fn run(&self, beside: Vec<Job<'_>>, mut each_line: impl FnMut(&str)) -> Result<()> {
         let build = ["test", "--no-run", "--message-format=json-render-diagnostics"];
         let messages = (self.cargo)().args(build).args(self.selection).run_and_take()?;
         let programs = programs(&messages)?;
-        let mut failed = run_programs(
-            programs,
-            |program| self.task(program),
-            |text| {
-                for line in text.lines() {
-                    println!("{line}");
-                    each_line(line);
-                }
-            },
-        )?;
+        let mut failed = thread::scope(|scope| {
+            scope.spawn(|| run_beside_each_other(beside));
+            run_programs(
+                programs,
+                |program| self.task(program),
+                |text| {
+                    for line in text.lines() {
+                        println!("{line}");
+                        each_line(line);
+                    }
+                },
+            )
+        })?;
         if self.with_documentation {
             let task = (self.cargo)().args(["test", "--doc", "--no-fail-fast"]);
             let done = task.args(self.selection).run_and_read(&mut each_line);
@@ -112,12 +116,14 @@ fn run_programs(
     mut show: impl FnMut(&str),
 ) -> Result<Vec<String>> {
     let cores = thread::available_parallelism().map_or(1, usize::from);
+    // Many wait for sockets and for clocks most of the time.
+    let at_a_time = cores + 1;
     let queue = Mutex::new(programs.into_iter());
     let next = || queue.lock().expect("nobody panics with it").next();
     let (sender, ended) = mpsc::channel();
     let mut failed = Vec::new();
     thread::scope(|scope| {
-        for _ in 0..cores {
+        for _ in 0..at_a_time {
             let (sender, task, next) = (sender.clone(), &task, &next);
             scope.spawn(move || {
                 while let Some(program) = next() {

@@ -14,7 +14,7 @@ use plumbline_test_support::{
 };
 
 use crate::bare_metal::Document;
-use crate::command::{BadInput, LOCKED, Task, target_directory};
+use crate::command::{BadInput, LOCKED, Task, run_beside_each_other, target_directory};
 use crate::cross::{Linking, Target};
 use crate::image::DebianRoot;
 use crate::python::{READERS, SPARK};
@@ -25,8 +25,8 @@ mod ahead;
 mod journal;
 mod named;
 
-use journal::Journal;
 pub use journal::Told;
+use journal::{Check, Journal};
 
 /// The arguments of `cargo xtask test`.
 #[derive(clap::Args)]
@@ -177,10 +177,11 @@ impl Part {
         }
     }
 
-    fn run(self, journal: &mut Journal, arguments: &Arguments) -> Result<()> {
+    /// Runs the part; beside the tests on this machine, `ahead` is built.
+    fn run(self, journal: &mut Journal, arguments: &Arguments, ahead: &[Self]) -> Result<()> {
         match self {
             Self::Quick => quick(journal),
-            Self::Native => native(journal),
+            Self::Native => native(journal, ahead),
             Self::Arm => arm(journal, arguments.all)?,
             Self::Armhf => armhf(journal)?,
             Self::BareMetal => bare_metal(journal, arguments.document()),
@@ -227,13 +228,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for (index, part) in parts.iter().enumerate() {
         let left = &parts[index..];
         let has_several = left.len() > 1 || *part == Part::BareMetal;
-        // After what runs on this machine, which renders the recordings.
-        if Part::FOR_OTHERS.contains(part) && has_several && !is_ahead && !arguments.all {
+        let is_due = has_several && !is_ahead && !arguments.all;
+        // What runs on this machine renders the recordings, and builds ahead beside its tests.
+        if Part::FOR_OTHERS.contains(part) && is_due {
             ahead::build(&mut journal, left);
-            is_ahead = true;
         }
+        is_ahead |= is_due && (*part == Part::Native || Part::FOR_OTHERS.contains(part));
+        let beside = if is_due { left } else { &[] };
         journal.part = part.word();
-        part.run(&mut journal, arguments)?;
+        part.run(&mut journal, arguments, beside)?;
     }
     journal.notices.extend(toolchain::notice());
     if [Part::Arm, Part::Boot].iter().any(|part| parts.contains(part)) {
@@ -246,7 +249,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 const QUICK: &[&str] = &["--workspace", "--lib", "--bins", "--test", "published", "--test", "core"];
 
 fn quick(journal: &mut Journal) {
-    format_and_lint(journal);
+    format(journal);
+    journal.check("lint", lint);
     dependencies(journal);
     let Some(recordings) = recordings(journal) else { return };
     let cargo = || Task::cargo().env(RECORDINGS, &recordings.to_string_lossy());
@@ -255,15 +259,16 @@ fn quick(journal: &mut Journal) {
     journal.suite("tests", &suite);
 }
 
-fn format_and_lint(journal: &mut Journal) {
+fn format(journal: &mut Journal) {
     journal.check("format", || Task::cargo().args(["fmt", "--all", "--check"]).run());
-    journal.check("lint", || {
-        let lint = ["clippy", LOCKED, "--workspace", "--all-targets", "--", "--deny", "warnings"];
-        Task::cargo().args(lint).run()?;
-        // "All targets" are those that `cargo test` runs; these are separate.
-        let lint = ["clippy", LOCKED, "--workspace", "--test", "boot", "--test", "dist", "--"];
-        Task::cargo().args(lint).args(["--deny", "warnings"]).run()
-    });
+}
+
+fn lint() -> Result<()> {
+    let lint = ["clippy", LOCKED, "--workspace", "--all-targets", "--", "--deny", "warnings"];
+    Task::cargo().args(lint).run()?;
+    // "All targets" are those that `cargo test` runs; these are separate.
+    let lint = ["clippy", LOCKED, "--workspace", "--test", "boot", "--test", "dist", "--"];
+    Task::cargo().args(lint).args(["--deny", "warnings"]).run()
 }
 
 /// Checks the crates that are used.
@@ -289,10 +294,12 @@ fn recordings(journal: &mut Journal) -> Option<PathBuf> {
     directory
 }
 
-fn native(journal: &mut Journal) {
+/// The tests on this machine. Most of them wait for sockets and for clocks, so that beside them the
+/// processor has time for what is compiled only to be looked at, and for what `ahead` needs.
+fn native(journal: &mut Journal, ahead: &[Part]) {
     // A download, in parallel with compiling.
     let python = thread::spawn(|| READERS.prepare());
-    format_and_lint(journal);
+    format(journal);
     dependencies(journal);
     // With all targets, although the tests come later: otherwise dependencies would be rebuilt for
     // the tests, with the features that these request.
@@ -322,7 +329,13 @@ fn native(journal: &mut Journal) {
             emulator: None,
             with_documentation: true,
         };
-        journal.suite("tests", &suite);
+        let jobs = ahead::jobs(ahead, recordings.clone());
+        let mut beside = vec![Check { name: "lint", run: Box::new(lint) }];
+        if !jobs.is_empty() {
+            let run = Box::new(|| run_beside_each_other(jobs));
+            beside.push(Check { name: "build ahead", run });
+        }
+        journal.suite_beside("tests", &suite, beside);
     }
 }
 

@@ -3,7 +3,7 @@
 //! Most of such a build is one crate, the core, which is compiled as one unit, or a program that is
 //! linked with optimisation: one after the other, they would leave half of this machine idle. Each is
 //! built in a directory of its own. The parts build them again and find them built, so that each part
-//! can be run by itself.
+//! can be run by itself. After the tests on this machine it is done beside these, which often wait.
 
 use std::path::PathBuf;
 
@@ -24,7 +24,8 @@ pub fn build(journal: &mut Journal, parts: &[Part]) {
     journal.check("build", || run_beside_each_other(jobs(parts, recordings)));
 }
 
-fn jobs(parts: &[Part], recordings: PathBuf) -> Vec<Job<'static>> {
+/// What to build, those that take longest first.
+pub fn jobs(parts: &[Part], recordings: PathBuf) -> Vec<Job<'static>> {
     let mut jobs: Vec<Job<'static>> = Vec::new();
     let has = |part| parts.contains(&part);
     // Both are for the same processor: they share what they compile, and so take turns.

@@ -2,12 +2,13 @@
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use plumbline_test_support::{Absent, SKIPS, Skip, read_skips};
 
-use crate::command::target_directory;
+use crate::command::{Job, give_way, target_directory};
 use crate::suite::{self, Suite};
 
 /// The run failed, and the summary has said how; its count remains the last line.
@@ -39,6 +40,14 @@ pub struct Journal {
     pub notices: Vec<String>,
 }
 
+/// A check that can be run beside tests.
+pub struct Check<'a> {
+    /// Its name in the summary.
+    pub name: &'static str,
+    /// What it runs.
+    pub run: Job<'a>,
+}
+
 struct Step {
     part: String,
     name: &'static str,
@@ -67,28 +76,48 @@ impl Journal {
     pub fn check(&mut self, name: &'static str, run: impl FnOnce() -> Result<()>) -> bool {
         println!("\n== {}: {name}", self.part);
         let start = Instant::now();
-        let failure = run().err().map(|error| format!("{error:#}"));
+        let done = run();
+        self.record(name, start.elapsed(), done)
+    }
+
+    /// Records a check that was run; returns whether it passed.
+    fn record(&mut self, name: &'static str, took: Duration, done: Result<()>) -> bool {
+        let failure = done.err().map(|error| format!("{error:#}"));
         if let Some(failure) = &failure {
             println!("{name}: {failure}");
         }
-        let passed = failure.is_none();
-        self.steps.push(Step {
-            part: self.part.clone(),
-            name,
-            took: start.elapsed(),
-            failure,
-            tests: None,
-            skips: Vec::new(),
-        });
+        let (passed, part) = (failure.is_none(), self.part.clone());
+        self.steps.push(Step { part, name, took, failure, tests: None, skips: Vec::new() });
         passed
     }
 
     /// Builds and runs tests, and collects their summaries.
     pub fn suite(&mut self, name: &'static str, suite: &Suite) {
+        self.suite_beside(name, suite, Vec::new());
+    }
+
+    /// The same, and beside them checks that leave the processor to the tests.
+    pub fn suite_beside(&mut self, name: &'static str, suite: &Suite, checks: Vec<Check<'_>>) {
         let skips = self.skips.to_string_lossy().into_owned();
         let cargo = || (suite.cargo)().env(SKIPS, &skips);
         let suite = Suite { cargo: &cargo, ..*suite };
-        self.tests(name, |each_line| suite.run(each_line));
+        let outcomes = Mutex::new(Vec::new());
+        let job = |Check { name, run }| -> Job<'_> {
+            let outcomes = &outcomes;
+            Box::new(move || {
+                give_way();
+                let start = Instant::now();
+                let outcome = (name, run(), start.elapsed());
+                outcomes.lock().expect("nobody panics with it").push(outcome);
+                Ok(())
+            })
+        };
+        let jobs = checks.into_iter().map(job).collect();
+        self.tests(name, |each_line| suite.run(jobs, each_line));
+        for (name, done, took) in outcomes.into_inner().expect("nobody panicked with it") {
+            println!("\n== {}: {name}", self.part);
+            self.record(name, took, done);
+        }
     }
 
     /// Runs tests, whose lines `run` passes on, and collects their summaries.
