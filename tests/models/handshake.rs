@@ -25,13 +25,16 @@ struct Tried {
     steps: u64,
 }
 
+/// A state, and what has led there.
+type Successor = ([u8; 32], Event);
+
 /// Tries everything that can happen within so many steps. Each state is reached by a shortest way.
 fn explore(base: Base, depth: usize) -> Tried {
     let mut known: HashSet<[u8; 32]> = HashSet::from([World::after(base, &[]).state()]);
     let mut ways = vec![Vec::new()];
     let mut tried = Tried { states: 1, steps: 0 };
     for _ in 0..depth {
-        let found: Vec<(Vec<Event>, Vec<([u8; 32], Event)>)> =
+        let found: Vec<(Vec<Event>, Vec<Successor>)> =
             ways.par_iter().map(|way| (way.clone(), successors(base, way))).collect();
         // In the order of their ways, so that it is the same in every run.
         let mut next: BTreeMap<[u8; 32], Vec<Event>> = BTreeMap::new();
@@ -55,7 +58,7 @@ fn explore(base: Base, depth: usize) -> Tried {
 }
 
 /// What each thing that can happen leads to.
-fn successors(base: Base, way: &[Event]) -> Vec<([u8; 32], Event)> {
+fn successors(base: Base, way: &[Event]) -> Vec<Successor> {
     let mut world = World::after(base, way);
     let before = world.state();
     let mut successors = Vec::new();
@@ -97,5 +100,5 @@ fn a_session_holds_in_every_short_history() {
 #[test]
 #[ignore = "takes minutes: cargo xtask test endurance"]
 fn a_session_holds_in_every_history() {
-    handshakes(8, 5);
+    handshakes(7, 4);
 }

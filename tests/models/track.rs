@@ -125,5 +125,5 @@ fn a_track_is_as_documented_in_every_short_sequence() {
 #[test]
 #[ignore = "takes minutes: cargo xtask test endurance"]
 fn a_track_is_as_documented_in_every_sequence() {
-    tracks(7);
+    tracks(6);
 }

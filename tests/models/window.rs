@@ -182,5 +182,5 @@ fn a_window_is_a_list_of_all_that_came_in_every_short_sequence() {
 #[test]
 #[ignore = "takes minutes: cargo xtask test endurance"]
 fn a_window_is_a_list_of_all_that_came_in_every_sequence() {
-    windows(6);
+    windows(5);
 }
