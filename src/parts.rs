@@ -16,5 +16,6 @@ pub use crate::fit::planar::SeenCorner;
 pub use crate::fit::solve::{
     Inliers, Observations, Solution, SolveFailure, robust_cost_after_step, solve,
 };
+pub use crate::follow::track::State as TrackState;
 pub use crate::model::motion::Motion;
 pub use crate::model::shutter::Shutter;

@@ -262,6 +262,10 @@ impl Updates {
             let why = "the last update has not shown yet that it works";
             return refused(UpdateRefusal::Busy, why);
         }
+        // What is about to be tried must be what was signed.
+        if self.leave.is_some() {
+            return refused(UpdateRefusal::Busy, "the box restarts with an update just now");
+        }
         // The one before ends first: two must not write to the same slot.
         if matches!(self.state, State::Receiving(_) | State::Checking { .. }) {
             self.state = State::Idle;
@@ -455,5 +459,7 @@ impl Receiving {
     }
 }
 
+#[cfg(test)]
+mod model;
 #[cfg(test)]
 mod tests;

@@ -15,33 +15,42 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 
 /// The program that updates the box.
-const HOST: UpdaterId = UpdaterId(1);
+pub(super) const HOST: UpdaterId = UpdaterId(1);
 
 /// Blocks in the slot that is sent, and a sector.
 const SLOT: usize = 5 * BLOCK_BYTES + SECTOR_BYTES;
 
 /// A card in a directory, and the flag of its firmware.
-struct Bench {
+pub(super) struct Bench {
     folder: tempfile::TempDir,
-    flag: firmware::Flag,
+    pub(super) flag: firmware::Flag,
 }
 
 impl Bench {
     fn new() -> Self {
+        Self::with_slots_of(2 * SLOT)
+    }
+
+    pub(super) fn with_slots_of(bytes: usize) -> Self {
         let folder = tempfile::tempdir().unwrap();
         for slot in ["a", "b"] {
-            fs::write(folder.path().join(slot), vec![slot.as_bytes()[0]; 2 * SLOT]).unwrap();
+            fs::write(folder.path().join(slot), vec![slot.as_bytes()[0]; bytes]).unwrap();
         }
         fs::write(folder.path().join("chooser"), chooser::sector(Slot::A)).unwrap();
         Self { folder, flag: firmware::Flag::default() }
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub(super) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
     /// The box starts, from the slot that the firmware takes.
     fn start(&mut self) -> Updates {
+        self.start_with(true)
+    }
+
+    /// It starts, and its key can be read or not.
+    pub(super) fn start_with(&mut self, has_key: bool) -> Updates {
         let is_try = self.flag.take();
         let sector = fs::read(self.path("chooser")).unwrap();
         let partition = firmware::partition(&sector, is_try).unwrap();
@@ -53,7 +62,7 @@ impl Bench {
             keys: vec![key(1).verifying_key()],
             notes: NoteStore::file(&self.path("update.txt")),
         });
-        updates.begin_session(true);
+        updates.begin_session(has_key);
         updates
     }
 
@@ -81,7 +90,7 @@ fn slot() -> std::vec::Vec<u8> {
     (0..SLOT).map(|at| (at / 100 % 253) as u8).collect()
 }
 
-fn header() -> Header {
+pub(super) fn header() -> Header {
     Header {
         board: Text::new("virt").unwrap(),
         version: "0.2.0".parse().unwrap(),
@@ -93,11 +102,11 @@ fn header() -> Header {
     }
 }
 
-fn file(header: &Header, slot: &[u8]) -> std::vec::Vec<u8> {
+pub(super) fn file(header: &Header, slot: &[u8]) -> std::vec::Vec<u8> {
     [&signed(header, &key(1))[..], slot].concat()
 }
 
-fn state(updates: &Updates) -> (UpdateState, String) {
+pub(super) fn state(updates: &Updates) -> (UpdateState, String) {
     match updates.query() {
         UpdateOutcome::State { state, text } => (state, text.as_str().to_owned()),
         other => panic!("{other:?}"),

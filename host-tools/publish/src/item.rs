@@ -44,7 +44,7 @@ pub struct Sample {
     pub session: u32,
     /// Its time in the trial's tables: seconds since the first frame of all.
     pub time_s: f64,
-    /// When it was captured.
+    /// When it was captured; of frames in their place, no earlier than the one before.
     pub host_ns: f64,
     /// The largest error of `host_ns`.
     pub error_s: f64,

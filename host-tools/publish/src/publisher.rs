@@ -63,10 +63,35 @@ struct Current {
     timing: Timing,
     /// Whether its stream has been described.
     is_described: bool,
-    /// The newest frame's number, time here and time in the tables.
-    last: Option<(u32, f64, f64)>,
+    /// The newest frame.
+    last: Option<Placed>,
     /// That of its frames.
     clock: Option<SessionClock>,
+}
+
+/// A frame in its place.
+#[derive(Debug, Clone, Copy)]
+struct Placed {
+    number: u32,
+    /// Its time here, and the largest error of that.
+    host_ns: f64,
+    error_s: f64,
+    /// Its time in the tables.
+    time_s: f64,
+}
+
+impl Placed {
+    /// The same, no earlier than the frame before it: where a better answer says that frames were placed
+    /// too late until now, time stands still until it is there. It is as true as the worse of the two.
+    fn after(self, before: Option<Self>) -> Self {
+        match before {
+            Some(before) if before.host_ns > self.host_ns => {
+                let error_s = self.error_s.max(before.error_s);
+                Self { host_ns: before.host_ns, error_s, ..self }
+            }
+            _ => self,
+        }
+    }
 }
 
 /// What waits until its time is known.
@@ -348,6 +373,13 @@ impl Publisher {
         let host_ns = mapping.host_ns(packet.capture_time_ns);
         let error_s = mapping.error_s(host_ns);
         let time_s = clock.time_s(packet.capture_time_ns);
+        // Of a session that is over, everything is late.
+        let is_late = is_late || !is_current;
+        let mut placed = Placed { number: packet.sequence, host_ns, error_s, time_s };
+        if !is_late {
+            placed = placed.after(current.last);
+        }
+        let Placed { host_ns, error_s, .. } = placed;
         let mut before = Vec::new();
         if is_current && !current.is_described {
             current.is_described = true;
@@ -359,17 +391,13 @@ impl Publisher {
                 zero_unix_s: self.zero_unix_s,
             })));
         }
-        // Of a session that is over, everything is late.
-        let is_late = is_late || !is_current;
-        if !is_late {
-            let last = current.last.replace((packet.sequence, host_ns, time_s));
-            if let Some((number, before_ns, _)) = last
-                && let Some(count @ 1..) = packet.sequence.wrapping_sub(number).checked_sub(1)
-            {
-                self.counts.missing += u64::from(count);
-                let first = number.wrapping_add(1);
-                before.push(Item::Gap(Gap { session, first, count, before_ns, after_ns: host_ns }));
-            }
+        if !is_late
+            && let Some(last) = current.last.replace(placed)
+            && let Some(count @ 1..) = packet.sequence.wrapping_sub(last.number).checked_sub(1)
+        {
+            self.counts.missing += u64::from(count);
+            let (first, before_ns) = (last.number.wrapping_add(1), last.host_ns);
+            before.push(Item::Gap(Gap { session, first, count, before_ns, after_ns: host_ns }));
         }
         self.counts.frames += 1;
         self.counts.late += u64::from(is_late);
@@ -393,7 +421,7 @@ impl Publisher {
         // The clocks' pace differs by less than a millisecond in ten seconds, and the newest frame is
         // nearer than that unless the camera is lost.
         let last = self.current.as_ref().and_then(|it| it.last);
-        let time_s = last.map(|(_, host_ns, time_s)| time_s + 1e-9 * (mark.host_ns - host_ns));
+        let time_s = last.map(|it| it.time_s + 1e-9 * (mark.host_ns - it.host_ns));
         self.publish(&Item::Mark(Arc::new(Marked { time_s, ..mark })));
     }
 }

@@ -57,6 +57,8 @@ pub fn drift_ppm(exchanges: &[Exchange]) -> Option<(f64, f64)> {
 }
 
 /// How the box's clock relates to this computer's, over one run of the box.
+///
+/// Later times of the one are never earlier times of the other, whatever the exchanges say.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Relation {
     /// The most certain exchange; the rest is measured from it.
@@ -66,17 +68,24 @@ pub struct Relation {
     pub drift_ppm: Option<(f64, f64)>,
     /// The drift that times are told by, and its largest error, ppm.
     pace_ppm: (f64, f64),
+    /// By how much the clocks have jumped against each other meanwhile, at most: 0 unless the exchanges
+    /// say that one of them has stood still, as that of a computer that sleeps does.
+    jumped_ns: f64,
 }
 
 /// Two quartz clocks differ by less, at a temperature at which people stand.
 const QUARTZ_PPM: f64 = 100.0;
+
+/// Two clocks of which both are being corrected differ by less: what seems to be more is no pace.
+const PACE_PPM_MAX: f64 = 2000.0;
 
 impl Relation {
     /// By the exchanges with the shortest times under way; `None` without one.
     #[must_use]
     pub fn of(exchanges: &[Exchange]) -> Option<Self> {
         let anchor = *surest(exchanges)?;
-        let pace_ppm = match drift_ppm(exchanges) {
+        let is_pace = |(drift, _): &(f64, f64)| drift.abs() <= PACE_PPM_MAX;
+        let pace_ppm = match drift_ppm(exchanges).filter(is_pace) {
             None => (0.0, QUARTZ_PPM),
             Some((drift, uncertain)) => {
                 let (least, most) =
@@ -92,7 +101,23 @@ impl Relation {
             }
         };
         let drift_ppm = Some(pace_ppm).filter(|(drift, uncertain)| drift.abs() > *uncertain);
-        Some(Self { anchor, drift_ppm, pace_ppm })
+        let mut relation = Self { anchor, drift_ppm, pace_ppm, jumped_ns: 0.0 };
+        let jumps_ns = exchanges.iter().map(|exchange| relation.jumped_ns(exchange));
+        relation.jumped_ns = jumps_ns.fold(0.0, f64::max);
+        Some(relation)
+    }
+
+    /// By how much the clocks have jumped at most between the anchor and this exchange: 0 where what is
+    /// uncertain of both explains that they do not agree.
+    fn jumped_ns(&self, exchange: &Exchange) -> f64 {
+        let since_ns = exchange.host_sent_ns.wrapping_sub(self.anchor.host_sent_ns).cast_signed();
+        let gained_ns = 1e-6 * self.pace_ppm.0 * since_ns as f64;
+        let off_ns = (exchange.offset_ns() - self.offset_ns() - gained_ns).abs();
+        let uncertain_ns =
+            0.5 * exchange.round_trip_ns() as f64 + self.uncertain_ns_at(exchange.host_sent_ns);
+        // A little more than that is what the clocks gain while a question is under way.
+        let is_explained = off_ns <= 1.01 * uncertain_ns + 1000.0;
+        if is_explained { 0.0 } else { off_ns + uncertain_ns }
     }
 
     /// The box's clock minus this computer's, at the most certain exchange.
@@ -104,7 +129,7 @@ impl Relation {
     /// The largest error of the offset.
     #[must_use]
     pub fn uncertain_ns(&self) -> f64 {
-        0.5 * self.anchor.round_trip_ns() as f64
+        0.5 * self.anchor.round_trip_ns() as f64 + self.jumped_ns
     }
 
     /// What relates the clocks at this time is wrong by this at most: the further from the

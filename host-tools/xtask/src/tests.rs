@@ -83,7 +83,8 @@ enum Part {
     /// costs, and those of a thousand boxes. Five minutes, alone on a quiet computer; only when it is
     /// named.
     Ward,
-    /// What a box meets in years, in hours, with the programs as users have them: a million frames,
+    /// Laws and state machines with millions of inputs; then what a box meets in years, in hours, with the
+    /// programs as users have them: a million frames,
     /// a thousand losses of the camera; a hundred power cuts, pulled plugs, killed recordings and dead
     /// links; full disks, slow cards, clocks that jump; and its latency beside programs that never
     /// rest. Four hours on a quiet computer, 10 GB of disk, and root for the full disks;

@@ -34,9 +34,12 @@ impl<T> Order<T> {
 
     /// Lets time pass. Nothing before `first_missing` comes any more.
     pub(super) fn pass(&mut self, now: Instant, first_missing: u64, hand: &mut dyn FnMut(T)) {
-        while let Some((&first, (came, _))) = self.held.first_key_value() {
-            let is_gone = first <= first_missing;
-            if !(is_gone || now.saturating_duration_since(*came) >= HOLD) {
+        // One that has waited for long enough takes those before it along, though they came later.
+        let is_overdue = |came: Instant| now.saturating_duration_since(came) >= HOLD;
+        let mut held = self.held.iter();
+        let overdue = held.rfind(|(_, (came, _))| is_overdue(*came)).map(|(counter, _)| *counter);
+        while let Some((&first, _)) = self.held.first_key_value() {
+            if first > first_missing && overdue.is_none_or(|it| first > it) {
                 return;
             }
             self.next = first;
@@ -66,6 +69,9 @@ impl<T> Order<T> {
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt as _, SeedableRng as _};
+    use rand_chacha::ChaCha8Rng;
+
     use super::*;
 
     #[test]
@@ -105,5 +111,51 @@ mod tests {
         }
         order.flush(&mut |it| handed.push(it));
         assert_eq!(handed, [2, 3, 5]);
+    }
+
+    /// Counters that come displaced by up to so many places, some of them never, over some seconds.
+    #[test]
+    fn each_is_handed_over_once_and_in_order_unless_it_was_waited_for_in_vain() {
+        for seed in 0..300 {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            let (begin, first) = (Instant::now(), random.random_range(0..1000_u64));
+            let reach = random.random_range(1..20_u64);
+            let mut coming = Vec::new();
+            for counter in first..first + 60 {
+                if random.random_bool(0.9) {
+                    coming.push((counter + random.random_range(0..reach), counter));
+                }
+            }
+            coming.sort_unstable();
+            let mut order = Order::starting_at(first);
+            let (mut handed, mut came) = (Vec::<u64>::new(), BTreeMap::new());
+            let mut now = begin;
+            for (_, counter) in coming {
+                now += Duration::from_millis(random.random_range(0..80));
+                came.insert(counter, now);
+                let is_late = handed.iter().any(|it| *it > counter);
+                let before = handed.len();
+                order.take(counter, counter, now, &mut |it| handed.push(it));
+                // What is late is handed over at once, and nothing with it.
+                assert!(!is_late || handed[before..] == [counter], "seed {seed}");
+                assert!(is_late || handed[before..].is_sorted(), "seed {seed}");
+                let newest = handed[..before].iter().max();
+                assert!(
+                    is_late || handed[before..].iter().all(|it| Some(it) > newest),
+                    "seed {seed}"
+                );
+                let missing = (first..).find(|it| !came.contains_key(it)).expect("one of them");
+                let before = handed.len();
+                order.pass(now, missing, &mut |it| handed.push(it));
+                assert!(handed[before..].is_sorted(), "seed {seed}");
+                // What is still held back has not waited for long.
+                let held = came.iter().filter(|it| !handed.contains(it.0));
+                assert!(held.clone().all(|(_, came)| now - *came < HOLD), "seed {seed}");
+                assert_eq!(order.holds(), held.count() > 0, "seed {seed}");
+            }
+            order.flush(&mut |it| handed.push(it));
+            handed.sort_unstable();
+            assert!(handed.iter().eq(came.keys()), "seed {seed}: {handed:?}");
+        }
     }
 }

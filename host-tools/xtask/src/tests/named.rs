@@ -65,8 +65,17 @@ pub fn ward(journal: &mut Journal) {
     journal.tests("load", |each_line| task.run_and_read(each_line));
 }
 
-/// What happens to a box in years: to its program, to what records it, and to the booted box.
+/// The step-by-step comparison of an update with what is obviously right; it is one of the box's own tests.
+const UPDATE_MODEL: &str = "update::model::every_step_from_every_state_is_as_it_must_be";
+
+/// Laws and state machines with far more inputs than every day; then what happens to a box in years: to
+/// its program, to what records it, and to the booted box.
 pub fn endurance(journal: &mut Journal) {
+    let models = of_released(journal, &["--workspace", "--test", "models"], &["--ignored"]);
+    journal.tests("models", |each_line| models.run_and_read(each_line));
+    let update = ["--package", "plumbline-board", "--lib"];
+    let update = of_released(journal, &update, &["--exact", UPDATE_MODEL]);
+    journal.tests("update", |each_line| update.run_and_read(each_line));
     if !released(journal, &["plumb", "plumbline-board"]) {
         return;
     }
