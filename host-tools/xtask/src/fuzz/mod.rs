@@ -69,7 +69,7 @@ pub struct Arguments {
 }
 
 /// The targets, each with what it tries, for the help.
-fn names() -> PossibleValuesParser {
+pub fn names() -> PossibleValuesParser {
     TARGETS.map(|target| PossibleValue::new(target.name).help(target.what)).into()
 }
 
@@ -213,7 +213,10 @@ fn try_all(places: &[Place], limit: Duration, jobs: usize) -> Result<Vec<Tally>>
                     && let Some(place) = next()
                 {
                     match run::run(place, limit, &is_over) {
-                        Ok(tally) => tallies.lock().expect("nobody panics with it").push(tally),
+                        Ok(tally) => {
+                            println!("{}", tally.evidence());
+                            tallies.lock().expect("nobody panics with it").push(tally);
+                        }
                         Err(error) => {
                             let mut failures = failures.lock().expect("nobody panics with it");
                             failures.push(format!("{}: {error:#}", place.target.name));
