@@ -127,8 +127,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&is_over))?;
     }
-    // What is tried is built now, whatever is committed meanwhile.
-    let (commit, machine) = (Commit::read()?.mark(), machine());
+    // What is tried is built now, whatever is committed meanwhile. The page itself is not tried.
+    let (commit, machine) = (Commit::read_but(&[PAGE])?.mark(), machine());
     for what in what {
         let words = what.words().join(" ");
         let mut rows = Vec::new();
