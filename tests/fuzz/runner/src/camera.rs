@@ -3,4 +3,4 @@
 
 use plumbline_laws::CAMERA;
 
-libfuzzer_sys::fuzz_target!(init: CAMERA.begin(), |input: &[u8]| { (CAMERA.check)(input) });
+libfuzzer_sys::fuzz_target!(init: CAMERA.begin(), |input: &[u8]| (CAMERA.check)(input));

@@ -3,4 +3,4 @@
 
 use plumbline_laws::CONFIG;
 
-libfuzzer_sys::fuzz_target!(init: CONFIG.begin(), |input: &[u8]| { (CONFIG.check)(input) });
+libfuzzer_sys::fuzz_target!(init: CONFIG.begin(), |input: &[u8]| (CONFIG.check)(input));

@@ -3,4 +3,4 @@
 
 use plumbline_laws::FRAMES;
 
-libfuzzer_sys::fuzz_target!(init: FRAMES.begin(), |input: &[u8]| { (FRAMES.check)(input) });
+libfuzzer_sys::fuzz_target!(init: FRAMES.begin(), |input: &[u8]| (FRAMES.check)(input));

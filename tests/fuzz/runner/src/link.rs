@@ -3,4 +3,4 @@
 
 use plumbline_laws::LINK;
 
-libfuzzer_sys::fuzz_target!(init: LINK.begin(), |input: &[u8]| { (LINK.check)(input) });
+libfuzzer_sys::fuzz_target!(init: LINK.begin(), |input: &[u8]| (LINK.check)(input));

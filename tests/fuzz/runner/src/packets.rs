@@ -3,4 +3,4 @@
 
 use plumbline_laws::PACKETS;
 
-libfuzzer_sys::fuzz_target!(init: PACKETS.begin(), |input: &[u8]| { (PACKETS.check)(input) });
+libfuzzer_sys::fuzz_target!(init: PACKETS.begin(), |input: &[u8]| (PACKETS.check)(input));

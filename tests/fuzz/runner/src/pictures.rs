@@ -3,4 +3,4 @@
 
 use plumbline_laws::PICTURES;
 
-libfuzzer_sys::fuzz_target!(init: PICTURES.begin(), |input: &[u8]| { (PICTURES.check)(input) });
+libfuzzer_sys::fuzz_target!(init: PICTURES.begin(), |input: &[u8]| (PICTURES.check)(input));

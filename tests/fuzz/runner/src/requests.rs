@@ -3,4 +3,4 @@
 
 use plumbline_laws::REQUESTS;
 
-libfuzzer_sys::fuzz_target!(init: REQUESTS.begin(), |input: &[u8]| { (REQUESTS.check)(input) });
+libfuzzer_sys::fuzz_target!(init: REQUESTS.begin(), |input: &[u8]| (REQUESTS.check)(input));

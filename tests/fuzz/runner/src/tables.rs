@@ -3,4 +3,4 @@
 
 use plumbline_laws::TABLES;
 
-libfuzzer_sys::fuzz_target!(init: TABLES.begin(), |input: &[u8]| { (TABLES.check)(input) });
+libfuzzer_sys::fuzz_target!(init: TABLES.begin(), |input: &[u8]| (TABLES.check)(input));

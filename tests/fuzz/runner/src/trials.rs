@@ -3,4 +3,4 @@
 
 use plumbline_laws::TRIALS;
 
-libfuzzer_sys::fuzz_target!(init: TRIALS.begin(), |input: &[u8]| { (TRIALS.check)(input) });
+libfuzzer_sys::fuzz_target!(init: TRIALS.begin(), |input: &[u8]| (TRIALS.check)(input));
