@@ -12,6 +12,8 @@
 //! target/fuzz/finds/T      inputs for which a law did not hold, or that took too long or too much memory
 //! target/fuzz/counts/T     what the latest run has counted so far
 //! target/fuzz/log/T        what libFuzzer has said in it
+//! target/fuzz/seeds/T      the seeds that the target has made
+//! target/fuzz/merging/T    libFuzzer's account of the latest `--minimise`
 //! tests/fuzz/corpus/T      what `--minimise` makes of it for the usual tests
 //! ```
 //!
