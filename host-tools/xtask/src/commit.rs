@@ -33,16 +33,23 @@ pub struct Commit {
 impl Commit {
     /// The commit that is checked out.
     pub fn read() -> Result<Self> {
-        let git = |arguments: &[&str]| Task::new("git").args(arguments).output();
-        let log = Task::new("git")
-            .env("TZ", "UTC")
-            .args(["log", "-1", "--date=format-local:%Y-%m-%dT%H:%M:%SZ", "--format=%H %ct %cd"])
-            .output()?;
+        Self::read_but(&[])
+    }
+
+    /// Likewise, whatever has become of these files, which have no part in what is made or tried.
+    pub fn read_but(files: &[&str]) -> Result<Self> {
+        let git = |arguments: &[&str]| Task::new("git").args(arguments);
+        let log =
+            git(&["log", "-1", "--date=format-local:%Y-%m-%dT%H:%M:%SZ", "--format=%H %ct %cd"])
+                .env("TZ", "UTC")
+                .output()?;
         let mut words = log.split_whitespace();
         let id = words.next().context("git log names no commit")?;
         let seconds = words.next().context("git log gives no time")?.parse()?;
         let time = words.next().context("git log gives no date")?.to_owned();
-        let is_changed = !git(&["status", "--porcelain"])?.trim().is_empty();
+        let others = files.iter().map(|file| format!(":(top,exclude){file}"));
+        let status = git(&["status", "--porcelain", "--", ":(top)"]).args(others).output()?;
+        let is_changed = !status.trim().is_empty();
         Ok(Self { id: id.to_owned(), seconds, time, is_changed })
     }
 

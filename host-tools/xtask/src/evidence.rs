@@ -6,18 +6,20 @@
 //! evidence | what was tried | how often | what was found
 //! ```
 //!
-//! These lines, with the date, the commit and the machine, are the page `tests/evidence.md`; nothing in
-//! it is written by hand.
+//! Each of these lines is a row of the page `tests/evidence.md`, with its own date, commit and machine;
+//! nothing in it is written by hand. A row is known by what was tried: a run replaces the rows of what it
+//! has tried, and leaves the others, so that what takes a night can be tried in parts.
 
-use std::fmt::Write as _;
-use std::time::Instant;
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::{env, fs};
 
-use anyhow::{Context, Result, ensure};
-use clap::ValueEnum;
+use anyhow::{Context, Result, bail, ensure};
 
 use crate::command::Task;
 use crate::commit::Commit;
+use crate::fuzz;
 use crate::generated::Part;
 
 /// The page.
@@ -26,108 +28,194 @@ const PAGE: &str = "tests/evidence.md";
 /// How the lines begin that go onto the page.
 const MARK: &str = "evidence | ";
 
+/// What stands above the rows.
+const HEAD: &str =
+    "| tried | how often | found | date | commit | machine |\n|---|---|---|---|---|---|";
+
 /// The arguments of `cargo xtask evidence`.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  cargo xtask evidence                        # everything; a night
-  cargo xtask evidence endurance              # one of them
-  cargo xtask evidence fuzz --minutes 10      # less than an hour for each target")]
+  cargo xtask evidence                                  # everything; a night
+  cargo xtask evidence fuzz packets link --minutes 60   # these targets; other rows stay as they are
+  cargo xtask evidence endurance")]
 pub struct Arguments {
     /// What to try; everything when left out.
-    #[arg(value_enum)]
-    what: Vec<What>,
-    /// Minutes for each target of `fuzz`.
-    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    minutes: u32,
+    #[command(subcommand)]
+    what: Option<What>,
 }
 
 /// What is tried.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, clap::Subcommand)]
 enum What {
     /// Whatever bytes may come from outside: `cargo xtask fuzz`.
-    Fuzz,
+    Fuzz(Fuzz),
     /// A million frames, what goes wrong meanwhile, and power cuts while a box is updated: `cargo xtask
     /// test endurance`.
     Endurance,
 }
 
+/// Which targets are tried, and for how long.
+#[derive(Debug, Clone, clap::Args)]
+struct Fuzz {
+    /// The targets; all when left out.
+    #[arg(value_parser = fuzz::names())]
+    targets: Vec<String>,
+    /// Minutes for each.
+    #[arg(long, default_value_t = MINUTES, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    minutes: u32,
+    /// How many are tried at a time; each keeps a processor core busy.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
+    jobs: u32,
+}
+
+/// For each target, where nothing else is said.
+const MINUTES: u32 = 60;
+
 impl What {
-    /// Its name on the command line, and on the page.
-    fn word(self) -> String {
-        self.to_possible_value().expect("none is hidden").get_name().to_owned()
+    fn everything() -> [Self; 2] {
+        [Self::Fuzz(Fuzz { targets: Vec::new(), minutes: MINUTES, jobs: 1 }), Self::Endurance]
+    }
+
+    /// The name of its part of the page.
+    fn part(&self) -> &'static str {
+        match self {
+            Self::Fuzz(_) => "fuzz",
+            Self::Endurance => "endurance",
+        }
     }
 
     /// The words of `cargo xtask` that try it.
-    fn words(self, minutes: u32) -> Vec<String> {
+    fn words(&self) -> Vec<String> {
+        let word = str::to_owned;
         match self {
-            Self::Fuzz => vec!["fuzz".to_owned(), "--minutes".to_owned(), minutes.to_string()],
-            Self::Endurance => vec!["test".to_owned(), self.word()],
+            Self::Fuzz(Fuzz { targets, minutes, jobs }) => {
+                let bounds = ["--minutes".to_owned(), minutes.to_string()];
+                let jobs = ["--jobs".to_owned(), jobs.to_string()];
+                [&[word("fuzz")], &targets[..], &bounds, &jobs].concat()
+            }
+            Self::Endurance => vec![word("test"), word("endurance")],
+        }
+    }
+
+    /// Whether it tries all that its part of the page has rows of.
+    fn is_whole(&self) -> bool {
+        match self {
+            Self::Fuzz(fuzz) => fuzz.targets.is_empty(),
+            Self::Endurance => true,
+        }
+    }
+
+    /// The row that says that it has failed, where its other rows would not.
+    fn failure(&self, error: &anyhow::Error) -> Option<Row> {
+        match self {
+            // Its rows say how many failures were found; without one nothing was tried.
+            Self::Fuzz(_) => None,
+            Self::Endurance => Some(Row::new(
+                &format!("cargo xtask {}", self.words().join(" ")),
+                "",
+                &format!("**failed**: {error}"),
+            )),
         }
     }
 }
 
-/// Tries it, and writes the page.
+/// Tries it, and writes the page. Ctrl-C ends what is being tried; what was tried until then is written.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let all = What::value_variants();
-    let what = if arguments.what.is_empty() { all } else { &arguments.what };
-    let (commit, machine) = (Commit::read()?.mark(), machine());
+    let what = arguments.what.clone().map_or(What::everything().to_vec(), |what| vec![what]);
+    let is_over = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&is_over))?;
+    }
+    // What is tried is built now, whatever is committed meanwhile. The page itself is not tried.
+    let (commit, machine) = (Commit::read_but(&[PAGE])?.mark(), machine());
     for what in what {
-        let words = what.words(arguments.minutes);
-        let began = Instant::now();
+        let words = what.words().join(" ");
         let mut rows = Vec::new();
         let program = env::current_exe().context("this program")?;
-        let done = Task::new(program).args(&words).run_and_read(|line| {
-            rows.extend(row(line));
-        });
+        let done =
+            Task::new(program).args(what.words()).run_and_read(|line| rows.extend(row(line)));
+        let is_interrupted = is_over.load(Ordering::Relaxed);
         // What was tried before something failed was tried; and that it failed is a finding.
-        if let Err(error) = &done {
-            rows.push(format!(
-                "| {} | | **failed**: {} |",
-                words.join(" "),
-                cell(&error.to_string())
-            ));
+        if let Err(error) = &done
+            && !is_interrupted
+        {
+            rows.extend(what.failure(error));
         }
-        ensure!(!rows.is_empty(), "`cargo xtask {}` has tried nothing", words.join(" "));
-        let seconds = began.elapsed().as_secs();
-        let text = section(&words.join(" "), &today()?, &commit, &machine, seconds, &rows);
-        Part { document: PAGE, name: &what.word() }.write(&text)?;
+        let of = [today()?, commit.clone(), machine.clone()];
+        let rows: VecDeque<Row> = rows.into_iter().map(|row| row.with(&of)).collect();
+        if !rows.is_empty() {
+            let part = Part { document: PAGE, name: what.part() };
+            let is_complete = what.is_whole() && done.is_ok() && !is_interrupted;
+            let old = if is_complete { Vec::new() } else { read(&part.read()?) };
+            part.write(&written(&merged(old, rows)))?;
+        } else {
+            ensure!(done.is_err(), "`cargo xtask {words}` has tried nothing");
+        }
+        if is_interrupted {
+            bail!("`cargo xtask {words}` was interrupted");
+        }
         done?;
     }
     Ok(())
 }
 
-/// The row of the page that a line is, if it is one.
-fn row(line: &str) -> Option<String> {
+/// The cells of a row of the page; the first one says what was tried.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Row(Vec<String>);
+
+impl Row {
+    fn new(tried: &str, times: &str, found: &str) -> Self {
+        Self([tried, times, found].map(cell).to_vec())
+    }
+
+    /// With further cells.
+    fn with(mut self, cells: &[String]) -> Self {
+        self.0.extend(cells.iter().map(|text| cell(text)));
+        self
+    }
+
+    fn tried(&self) -> &str {
+        &self.0[0]
+    }
+}
+
+/// The row that a line of a run is, if it is one.
+fn row(line: &str) -> Option<Row> {
     let cells = line.trim().strip_prefix(MARK)?;
-    let cells: Vec<&str> = cells.splitn(3, " | ").map(str::trim).collect();
+    let cells: Vec<&str> = cells.splitn(3, " | ").collect();
     let [tried, times, found] = cells[..] else { return None };
-    Some(format!("| {} | {} | {} |", cell(tried), cell(times), cell(found)))
+    Some(Row::new(tried, times, found))
 }
 
 /// A text that stays in its cell.
 fn cell(text: &str) -> String {
-    text.replace('|', "/").replace(['\n', '\r'], " ")
+    text.trim().replace('|', "/").replace(['\n', '\r'], " ")
 }
 
-fn section(
-    words: &str,
-    date: &str,
-    commit: &str,
-    machine: &str,
-    seconds: u64,
-    rows: &[String],
-) -> String {
-    let mut text = format!(
-        "`cargo xtask {words}` on {date}, commit {commit}, {machine}; {} minutes.\n\n\
-         | tried | how often | found |\n|---|---|---|\n",
-        seconds.div_ceil(60)
-    );
-    for row in rows {
-        // Writing to a string never fails.
-        let _ = writeln!(text, "{row}");
-    }
-    text.trim_end().to_owned()
+/// The rows of a part of the page.
+fn read(part: &str) -> Vec<Row> {
+    let lines = part.strip_prefix(HEAD).unwrap_or_default().lines();
+    let cells = lines.filter_map(|line| line.strip_prefix('|')?.strip_suffix('|'));
+    cells.map(|cells| Row(cells.split('|').map(cell).collect())).collect()
+}
+
+/// The old rows, each in its place replaced by the new one of what was tried again; then those of what
+/// was never tried before.
+fn merged(old: Vec<Row>, mut new: VecDeque<Row>) -> Vec<Row> {
+    let replace = |row: Row| match new.iter().position(|it| it.tried() == row.tried()) {
+        Some(at) => new.remove(at).expect("it is there"),
+        None => row,
+    };
+    let mut rows: Vec<Row> = old.into_iter().map(replace).collect();
+    rows.extend(new);
+    rows
+}
+
+/// The part of the page with these rows.
+fn written(rows: &[Row]) -> String {
+    let rows = rows.iter().map(|Row(cells)| format!("\n| {} |", cells.join(" | ")));
+    HEAD.to_owned() + &rows.collect::<String>()
 }
 
 fn today() -> Result<String> {
@@ -147,36 +235,84 @@ fn machine() -> String {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser as _;
+
     use super::*;
+
+    /// A row that was found on a day.
+    fn found(tried: &str, found: &str, date: &str) -> Row {
+        Row::new(tried, "9", found).with(&[date, "1a2b3c4d", "2 cores"].map(str::to_owned))
+    }
 
     #[test]
     fn lines_become_rows_and_nothing_else_does() {
         assert_eq!(
-            row("evidence | power cuts while updating | 100 | none led elsewhere").as_deref(),
-            Some("| power cuts while updating | 100 | none led elsewhere |")
+            row("evidence | power cuts while updating | 100 | none led elsewhere"),
+            Some(Row::new("power cuts while updating", "100", "none led elsewhere"))
         );
         // Whatever a row says, the table keeps its shape.
-        assert_eq!(row("evidence | a | 1 | b | c").as_deref(), Some("| a | 1 | b / c |"));
+        assert_eq!(row("evidence | a | 1 | b | c"), Some(Row::new("a", "1", "b / c")));
         for other in ["evidence |", "evidence | a | b", "test a ... ok", ""] {
             assert_eq!(row(other), None, "{other}");
         }
     }
 
     #[test]
-    fn a_section_says_when_where_and_of_what_it_is() {
-        let rows = ["| a | 1 | nothing |".to_owned()];
-        let text = section("test update", "2026-01-02", "abc", "2 cores", 61, &rows);
+    fn a_page_that_was_written_is_read_again() {
+        let rows = [found("a", "", "2026-01-02"), found("b", "nothing", "2026-01-03")];
+        let page = written(&rows);
+        assert_eq!(page.lines().nth(2), Some("| a | 9 |  | 2026-01-02 | 1a2b3c4d | 2 cores |"));
+        assert_eq!(read(&page), rows);
+        for other in ["Not run yet.", HEAD, ""] {
+            assert_eq!(read(other), [], "{other}");
+        }
+    }
+
+    #[test]
+    fn a_run_replaces_the_rows_of_what_it_has_tried_and_leaves_the_others() {
+        let old = [("a", "1"), ("b", "2"), ("c", "3")];
+        let old = old.map(|(tried, day)| found(tried, "nothing", day)).to_vec();
+        let new = [found("d", "1 failure", "9"), found("b", "nothing", "9")];
+        let merged = merged(old, new.into());
+        let days: Vec<_> = merged.iter().map(|row| (row.tried(), &*row.0[3])).collect();
+        assert_eq!(days, [("a", "1"), ("b", "9"), ("c", "3"), ("d", "9")]);
+    }
+
+    #[derive(clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+
+    #[test]
+    fn the_words_of_what_is_tried_are_those_of_the_other_commands() {
+        let words = |line: &str| -> Vec<String> {
+            let line = Line::try_parse_from(line.split(' ')).unwrap_or_else(|it| panic!("{it}"));
+            let what = line.arguments.what.map_or(What::everything().to_vec(), |it| vec![it]);
+            what.iter().map(|what| what.words().join(" ")).collect()
+        };
+        assert_eq!(words("evidence"), ["fuzz --minutes 60 --jobs 1", "test endurance"]);
         assert_eq!(
-            text,
-            "`cargo xtask test update` on 2026-01-02, commit abc, 2 cores; 2 minutes.\n\n\
-             | tried | how often | found |\n|---|---|---|\n| a | 1 | nothing |"
+            words("evidence fuzz packets link --minutes 5 --jobs 2"),
+            ["fuzz packets link --minutes 5 --jobs 2"]
         );
+        assert!(Line::try_parse_from(["evidence", "fuzz", "nothing"]).is_err());
+    }
+
+    #[test]
+    fn only_what_tries_everything_again_removes_rows_of_other_things() {
+        let [all, endurance] = What::everything();
+        assert!(all.is_whole() && endurance.is_whole());
+        let some = Fuzz { targets: vec!["link".to_owned()], minutes: 1, jobs: 1 };
+        assert!(!What::Fuzz(some).is_whole());
     }
 
     #[test]
     fn the_page_has_a_place_for_each() {
-        for what in What::value_variants() {
-            Part { document: PAGE, name: &what.word() }.read().unwrap();
+        for what in What::everything() {
+            let part = Part { document: PAGE, name: what.part() }.read().unwrap();
+            let rows = read(&part);
+            assert!(part == "Not run yet." || written(&rows) == part, "{part}");
         }
     }
 }

@@ -32,8 +32,8 @@ const CODES: [&[u8; 4]; 17] = [
     b"RGGB", b"GRBG", b"GBRG", b"BA81", b"MJPG", b"JPEG", b"H264",
 ];
 
-/// The largest frame that is laid out.
-const FRAME_BYTES_MAX: usize = 1 << 20;
+/// The largest frame that is laid out: a larger one has no other arithmetic, and takes its time.
+const FRAME_BYTES_MAX: usize = 1 << 17;
 
 const PAGE_BYTES: usize = 4096;
 

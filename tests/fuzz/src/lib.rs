@@ -37,18 +37,54 @@ pub struct Target {
     pub seeds: fn() -> Vec<Vec<u8>>,
 }
 
+impl Target {
+    /// Before a run: writes the seeds into the directory that [`SEEDS`] names, if it names one.
+    ///
+    /// # Panics
+    /// When they cannot be written.
+    pub fn begin(&self) {
+        let Some(folder) = env::var_os(SEEDS).map(PathBuf::from) else { return };
+        for (number, seed) in (self.seeds)().iter().enumerate() {
+            fs::write(folder.join(format!("seed-{number}")), seed).expect("a seed can be written");
+        }
+    }
+}
+
+// Each has a name of its own, so that a program that tries one of them has the code of this one alone.
+
+/// See the module `packets`.
+pub const PACKETS: Target =
+    Target { name: "packets", check: packets::check, seeds: packets::seeds };
+
+/// See the module `link`.
+pub const LINK: Target = Target { name: "link", check: link::check, seeds: link::seeds };
+
+/// See the module `config`.
+pub const CONFIG: Target = Target { name: "config", check: config::check, seeds: config::seeds };
+
+/// See the module `trials`.
+pub const TRIALS: Target = Target { name: "trials", check: trials::check, seeds: trials::seeds };
+
+/// See the module `pictures`.
+pub const PICTURES: Target =
+    Target { name: "pictures", check: pictures::check, seeds: pictures::seeds };
+
+/// See the module `tables`.
+pub const TABLES: Target = Target { name: "tables", check: tables::check, seeds: tables::seeds };
+
+/// See the module `frames`.
+pub const FRAMES: Target = Target { name: "frames", check: frames::check, seeds: frames::seeds };
+
+/// See the module `camera`.
+pub const CAMERA: Target = Target { name: "camera", check: camera::check, seeds: camera::seeds };
+
+/// See the module `requests`.
+pub const REQUESTS: Target =
+    Target { name: "requests", check: requests::check, seeds: requests::seeds };
+
 /// All targets.
-pub const TARGETS: [Target; 9] = [
-    Target { name: "packets", check: packets::check, seeds: packets::seeds },
-    Target { name: "link", check: link::check, seeds: link::seeds },
-    Target { name: "config", check: config::check, seeds: config::seeds },
-    Target { name: "trials", check: trials::check, seeds: trials::seeds },
-    Target { name: "pictures", check: pictures::check, seeds: pictures::seeds },
-    Target { name: "tables", check: tables::check, seeds: tables::seeds },
-    Target { name: "frames", check: frames::check, seeds: frames::seeds },
-    Target { name: "camera", check: camera::check, seeds: camera::seeds },
-    Target { name: "requests", check: requests::check, seeds: requests::seeds },
-];
+pub const TARGETS: [Target; 9] =
+    [PACKETS, LINK, CONFIG, TRIALS, PICTURES, TABLES, FRAMES, CAMERA, REQUESTS];
 
 /// The target with this name.
 ///
@@ -64,15 +100,4 @@ pub fn target(name: &str) -> Target {
 #[must_use]
 pub fn directory() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).to_owned()
-}
-
-/// Before a run: writes the target's seeds into the directory that [`SEEDS`] names, if it names one.
-///
-/// # Panics
-/// When they cannot be written.
-pub fn begin(name: &str) {
-    let Some(folder) = env::var_os(SEEDS).map(PathBuf::from) else { return };
-    for (number, seed) in (target(name).seeds)().iter().enumerate() {
-        fs::write(folder.join(format!("seed-{number}")), seed).expect("a seed can be written");
-    }
 }

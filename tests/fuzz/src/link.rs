@@ -281,20 +281,14 @@ impl World {
             Heard::Pairing(_) => panic!("nobody pairs"),
             Heard::Message { listener, message, .. } => {
                 let Message::Command(command) = message else { panic!("it hears {message:?}") };
-                let (_, peer) = *self
-                    .bx
-                    .listeners()
-                    .iter()
-                    .find(|(id, _)| *id == listener)
-                    .expect("who is heard listens");
-                let host = (0..WITH_KEY).find(|index| address(index + 1) == peer);
+                let listeners = self.bx.listeners();
+                assert!(listeners.iter().any(|(id, _)| *id == listener), "who is heard listens");
                 if command.id != OWN_COMMAND {
                     let host = self.who_said(command.id).expect("nobody has said this");
                     let words = (self.start, host, format!("{message:?}"));
                     assert!(self.said.contains(&words), "nobody has said {message:?} to it");
                     assert!(self.heard.insert(words), "it hears {message:?} twice");
                 }
-                let _ = host;
                 let outcome = match command.action {
                     Action::Ping { host_sent_ns } => ReplyOutcome::Pong {
                         host_sent_ns,

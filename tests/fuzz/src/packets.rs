@@ -48,8 +48,11 @@ pub fn check(bytes: &[u8]) {
     }
 }
 
+/// The most bytes between the head and the checksum of a packet.
+pub const BODY_BYTES_MAX: usize = PACKET_BYTES_MAX - 13;
+
 /// A packet with a right head and checksum.
-fn around(start: u32, body: &[u8]) -> Vec<u8> {
+pub fn around(start: u32, body: &[u8]) -> Vec<u8> {
     let mut packet = vec![PROTOCOL_VERSION];
     packet.extend(SCHEMA_HASH.to_le_bytes());
     packet.extend(start.to_le_bytes());
@@ -59,7 +62,7 @@ fn around(start: u32, body: &[u8]) -> Vec<u8> {
 }
 
 /// The start and the body of a packet in clear.
-fn parts(packet: &[u8]) -> (u32, &[u8]) {
+pub fn parts(packet: &[u8]) -> (u32, &[u8]) {
     let start = packet[5..9].try_into().expect("four bytes");
     (u32::from_le_bytes(start), &packet[9..packet.len() - 4])
 }
@@ -119,7 +122,7 @@ fn line(mut input: Input<'_>) {
             carried.extend(bytes);
             continue;
         }
-        let packet = around(7, &bytes[..bytes.len().min(PACKET_BYTES_MAX - 13)]);
+        let packet = around(7, &bytes[..bytes.len().min(BODY_BYTES_MAX)]);
         let mut buffer = [0; FRAME_BYTES_MAX];
         let frame = frame_packet(&packet, &mut buffer).expect("it is short enough");
         if way == 1 {

@@ -192,6 +192,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
         )
     };
     let id = known_box().key.id().to_string();
+    let act = |action: &str, body: &str| post(&format!("/api/boxes/{id}/{action}"), body);
     let study = r#"{"folder": "a-study", "title": "A study", "protocol": {"supplied": "stand"}}"#;
     let text = r#"{"protocol": {"text": "title = \"x\"\n"}}"#;
     let fields = r#"{"protocol": {"fields": {"title": "x", "condition": []}}}"#;
@@ -212,8 +213,9 @@ pub fn seeds() -> Vec<Vec<u8>> {
             + &get("/reports/a-study"),
         get("/api/prints") + &get("/api/prints/targets.svg") + &get("/api/prints/board-a4.pdf"),
         post("/api/prints", r#"{"targets": null}"#),
-        post(&format!("/api/boxes/{id}/aim/begin"), r#"{"reduction": 4}"#),
-        post(&format!("/api/boxes/{id}/session/mark"), r#"{"label": "stands", "at_ms": 1e300}"#),
+        act("aim/begin", r#"{"reduction": 4}"#),
+        act("session/mark", r#"{"label": "stands", "at_ms": 1e300}"#),
+        get("/reports/a-study/P01-2026-01-02/01") + &act("card/config.plc", "{}"),
         format!(
             "GET /ws HTTP/1.1\r\nHost: localhost:{PORT}\r\nOrigin: http://localhost:{PORT}\r\n\
              Cookie: $COOKIE\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
@@ -237,7 +239,25 @@ pub fn seeds() -> Vec<Vec<u8>> {
             + &get(&format!("/api/boxes/{id}/card"))
             + &get(&format!("/api/boxes/{id}/photographs/1.png"))
             + &get(&format!("/api/boxes/{id}/calibration/plot.svg")),
-        post(&format!("/api/boxes/{id}/examine"), "{}"),
+        act("examine", "{}") + &act("reference", "{}") + &act("scene/store", "{}"),
+        act("aim/begin", r#"{"reduction": 4, "force": true}"#)
+            + &act("aim/expose", r#"{"store": true}"#)
+            + &act("aim/cancel", "{}")
+            + &act("aim/end", "{}"),
+        act("photographs/begin", r#"{"board": [9, 8], "pitch_mm": 25.5}"#)
+            + &act("photographs/take", "{}")
+            + &act("photographs/auto", r#"{"count": 3, "every_s": 1.5}"#)
+            + &act("photographs/pause", "{}")
+            + &act("photographs/remove", r#"{"number": 1}"#),
+        act("calibration/fit", "{}")
+            + &act("calibration/deliver", r#"{"targets": "a.toml"}"#)
+            + &act("scene/measure", r#"{"seconds": 2.5, "camera_pitch_deg": -5.0}"#)
+            + &act("settings/send", settings),
+        act("session/begin", r#"{"study": "a-study", "participant": "P01", "operator": "x"}"#)
+            + &act("session/resume", r#"{"study": "a-study", "session": "P01-2026-01-02"}"#)
+            + &act("session/event", r#"{"step": 1, "event": "accept", "why": "x"}"#)
+            + &act("session/mark", r#"{"label": "stands"}"#)
+            + &act("session/close", "{}"),
     ];
     let works = works.into_iter().map(|it| [&[0], it.as_bytes()].concat());
     works.chain(shows.into_iter().map(|it| [&[1], it.as_bytes()].concat())).collect()

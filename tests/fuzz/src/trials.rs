@@ -2,7 +2,8 @@
 //!
 //! An input is a list of entries, of which the law makes a journal with right checksums, and of other
 //! things that may happen to the folder: bytes of the journal that are damaged or missing, another text
-//! of the manifest, a configuration.
+//! of the manifest, a configuration. The packets of entries have right heads and checksums as well, which
+//! the law makes, or are any bytes.
 //!
 //! Laws:
 //! - The reader gives the entries that were not damaged, in their order; of a journal that was cut off
@@ -14,7 +15,7 @@
 use std::fs;
 use std::path::Path;
 
-use plumbline::packet::document_crc;
+use plumbline::packet::{FRAME_BYTES_MAX, document_crc, frame_packet};
 use plumbline_files::text::printable;
 use plumbline_trial::frame::Trunk;
 use plumbline_trial::journal::{Content, Entry, Reader};
@@ -37,50 +38,14 @@ const DAMAGE: u8 = 2;
 const MANIFEST: u8 = 3;
 const CONFIG: u8 = 4;
 const CORRECTED: u8 = 5;
-const STEPS: usize = 6;
+const PACKET: u8 = 6;
+const STEPS: usize = 7;
 
 /// Checks the laws for an input.
 pub fn check(bytes: &[u8]) {
-    let mut input = Input::new(bytes);
-    let mut journal = MAGIC.to_vec();
-    let mut files = Vec::new();
-    let mut host_ns = 0_u64;
-    let mut whole = Vec::new();
-    let mut is_whole = true;
-    for _ in 0..ENTRIES_MAX {
-        if input.is_empty() {
-            break;
-        }
-        match input.below(STEPS) as u8 {
-            ENTRY => {
-                let kind = 1 + input.byte() % 6;
-                host_ns = host_ns.saturating_add(u64::from(input.word()) * 100_000);
-                let content = input.block();
-                let entry = entry(kind, host_ns, content);
-                whole.push(entry.clone());
-                journal.extend(entry);
-            }
-            NOISE => {
-                is_whole = false;
-                journal.extend(input.block());
-            }
-            DAMAGE => {
-                is_whole = false;
-                let back = 1 + usize::from(input.word()) % journal.len();
-                let at = journal.len() - back;
-                // The head stays: without it nothing is read.
-                if at >= MAGIC.len() {
-                    let new = input.byte();
-                    if new == 1 { journal.truncate(at) } else { journal[at] ^= new }
-                }
-            }
-            MANIFEST => files.push((names::MANIFEST, input.block())),
-            CONFIG => files.push((names::CONFIG, input.block())),
-            _ => files.push((names::CORRECTED, input.block())),
-        }
-    }
+    let Tried { journal, whole, files } = Tried::of(Input::new(bytes));
     let entries = read(&journal);
-    if is_whole {
+    if let Some(whole) = whole {
         // One of a content that is none of its kind is left out, and damages no other.
         let alone = whole.iter().flat_map(|entry| read(&[MAGIC, entry].concat()));
         assert_eq!(entries, alone.collect::<Vec<_>>(), "entries disturb each other");
@@ -89,6 +54,77 @@ pub fn check(bytes: &[u8]) {
     let before = read(&journal[..MAGIC.len() + cut]);
     assert!(entries.starts_with(&before), "a cut at {cut} changes what is before it");
     folder(&journal, &files);
+}
+
+/// What an input makes of a folder.
+struct Tried<'a> {
+    journal: Vec<u8>,
+    /// The entries of the journal, unless something else is in it.
+    whole: Option<Vec<Vec<u8>>>,
+    files: Vec<(&'static str, &'a [u8])>,
+}
+
+impl<'a> Tried<'a> {
+    fn of(mut input: Input<'a>) -> Self {
+        let mut tried =
+            Self { journal: MAGIC.to_vec(), whole: Some(Vec::new()), files: Vec::new() };
+        let mut host_ns = 0_u64;
+        for _ in 0..ENTRIES_MAX {
+            if input.is_empty() {
+                break;
+            }
+            tried.step(&mut input, &mut host_ns);
+        }
+        tried
+    }
+
+    fn step(&mut self, input: &mut Input<'a>, host_ns: &mut u64) {
+        let journal = &mut self.journal;
+        match input.below(STEPS) as u8 {
+            step @ (ENTRY | PACKET) => {
+                let kind = 1 + input.byte() % 6;
+                *host_ns = host_ns.saturating_add(u64::from(input.word()) * 100_000);
+                let entry = if step == ENTRY {
+                    entry(kind, *host_ns, input.block())
+                } else {
+                    let start = input.number();
+                    entry(1 + kind % 2, *host_ns, &said(1 + kind % 2, start, input.block()))
+                };
+                if let Some(whole) = &mut self.whole {
+                    whole.push(entry.clone());
+                }
+                journal.extend(entry);
+            }
+            NOISE => {
+                self.whole = None;
+                journal.extend(input.block());
+            }
+            DAMAGE => {
+                self.whole = None;
+                let back = 1 + usize::from(input.word()) % journal.len();
+                let at = journal.len() - back;
+                // The head stays: without it nothing is read.
+                if at >= MAGIC.len() {
+                    let new = input.byte();
+                    if new == 1 { journal.truncate(at) } else { journal[at] ^= new }
+                }
+            }
+            MANIFEST => self.files.push((names::MANIFEST, input.block())),
+            CONFIG => self.files.push((names::CONFIG, input.block())),
+            CORRECTED => self.files.push((names::CORRECTED, input.block())),
+            _ => unreachable!("there are no other steps"),
+        }
+    }
+}
+
+/// A packet with this body, as a datagram (1) or as a frame of a serial line (2).
+fn said(kind: u8, start: u32, body: &[u8]) -> Vec<u8> {
+    let packet = packets::around(start, &body[..body.len().min(packets::BODY_BYTES_MAX)]);
+    let mut buffer = [0; FRAME_BYTES_MAX];
+    match kind {
+        1 => packet,
+        _ => frame_packet(&packet, &mut buffer).expect("it is short enough").to_vec(),
+    }
 }
 
 /// An entry between its delimiters.
@@ -205,13 +241,23 @@ pub fn seeds() -> Vec<Vec<u8>> {
 fn put(seed: &mut Vec<u8>, content: &Content) {
     use plumbline_stream::transport::Raw;
     match content {
-        Content::Raw(Raw::Datagram(bytes)) => put_entry(seed, 1, 16_600, bytes),
+        Content::Raw(Raw::Datagram(packet)) => put_packet(seed, packet),
         Content::Raw(Raw::Frame(bytes)) => put_entry(seed, 2, 16_600, bytes),
         Content::Mark(mark) => put_entry(seed, 3, 0, mark.text().as_bytes()),
         Content::About(text) => put_entry(seed, 4, 0, text.as_bytes()),
         Content::Check(text) => put_entry(seed, 5, 0, text.as_bytes()),
         Content::NotAuthentic(count) => put_entry(seed, 6, 0, &count.to_le_bytes()),
     }
+}
+
+/// A step that adds an entry with a packet.
+fn put_packet(seed: &mut Vec<u8>, packet: &[u8]) {
+    let (start, body) = packets::parts(packet);
+    assert_eq!(said(1, start, body), packet, "its body makes another packet");
+    seed.extend([PACKET, 1]);
+    seed.extend(166_u16.to_le_bytes());
+    seed.extend(start.to_le_bytes());
+    put_block(seed, body);
 }
 
 #[cfg(test)]
@@ -222,14 +268,9 @@ mod tests {
     #[test]
     fn the_seeds_are_trials() {
         let folder = tempfile::tempdir().unwrap();
-        let seed = seeds().swap_remove(0);
-        let mut input = &seed[..];
-        let mut journal = MAGIC.to_vec();
-        while let [ENTRY, kind, _, _, ..] = input {
-            let mut content = Input::new(&input[4..]);
-            journal.extend(entry(kind + 1, 0, content.block()));
-            input = content.rest();
-        }
+        let seeds = seeds();
+        let Tried { journal, whole, .. } = Tried::of(Input::new(&seeds[0]));
+        assert_eq!(read(&journal).len(), whole.unwrap().len());
         assert!(read(&journal).len() > 40);
         fs::write(folder.path().join(names::JOURNAL), &journal).unwrap();
         restored(folder.path());

@@ -1,6 +1,7 @@
-//! What is stored of the inputs that runs have kept: the fewest and smallest that together reach all that
-//! they have reached, as far as there is room.
+//! What is stored of the inputs that runs have kept: each reaches code that neither the seeds nor a
+//! smaller one reaches, so that together they reach all that has been reached, as far as there is room.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -18,17 +19,19 @@ const CORPUS_BYTES_MAX: u64 = 40 << 10;
 
 /// Replaces the stored corpus of a target by what it and the runs have, minimised.
 pub fn minimise(place: &Place) -> Result<()> {
-    let (merged, corpus, stored) = (place.of("merged"), place.of("corpus"), place.stored());
-    let seeds = place.of("seeds");
+    let (corpus, stored, seeds) = (place.of("corpus"), place.stored(), place.of("seeds"));
     for directory in [&corpus, &stored] {
         fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
     }
-    emptied(&merged)?;
     emptied(&seeds)?;
+    let merging = place.of("merging");
+    emptied(&merging)?;
+    let control = merging.join("control.txt");
+    // The seeds come first. libFuzzer adds to them what adds to them; the next run empties them.
     let merge = place
         .task()?
-        .args(["-merge=1"])
-        .args([&merged, &stored, &seeds, &corpus])
+        .args(["-merge=1".to_owned(), format!("-merge_control_file={}", control.display())])
+        .args([&seeds, &stored, &corpus])
         .env(SEEDS, &seeds.to_string_lossy());
     let mut last = String::new();
     let status = merge.watch(Duration::from_secs(60), |line| {
@@ -36,13 +39,18 @@ pub fn minimise(place: &Place) -> Result<()> {
         true
     })?;
     ensure!(status.success(), "{}: its inputs cannot be merged: {last}", place.target.name);
-    let mut inputs: Vec<(u64, PathBuf)> = Vec::new();
-    for entry in fs::read_dir(&merged).with_context(|| merged.display().to_string())? {
-        let entry = entry?;
-        inputs.push((entry.metadata()?.len(), entry.path()));
+    let text = fs::read_to_string(&control).with_context(|| control.display().to_string())?;
+    let reaching =
+        reaching_more(&text).context("libFuzzer's account of a merge is not as known")?;
+    let mut inputs = BTreeSet::new();
+    for path in reaching.into_iter().filter(|path| !path.starts_with(&seeds)) {
+        let bytes = fs::metadata(&path).with_context(|| path.display().to_string())?.len();
+        let kept = merging.join(path.file_name().context("an input without a name")?);
+        fs::copy(&path, &kept).with_context(|| path.display().to_string())?;
+        inputs.insert((bytes, kept));
     }
     let count = inputs.len();
-    let chosen = chosen(inputs);
+    let chosen = chosen(inputs.into_iter().collect());
     emptied(&stored)?;
     for (_, path) in &chosen {
         let name = path.file_name().context("an input without a name")?;
@@ -51,6 +59,40 @@ pub fn minimise(place: &Place) -> Result<()> {
     let bytes: u64 = chosen.iter().map(|(bytes, _)| bytes).sum();
     println!("{}: {} of {count} inputs are stored, {bytes} bytes", place.target.name, chosen.len());
     Ok(())
+}
+
+/// The inputs of a merge that reached code that none before them did, by libFuzzer's account of it: the
+/// number of inputs, and of those that were there first; their paths; then, for each that was tried, what
+/// it has reached. `None` for another text.
+///
+/// ```text
+/// 2
+/// 1
+/// seeds/seed-0
+/// corpus/5ba93c
+/// STARTED 0 12
+/// FT 0 34 35
+/// COV 0 7 8
+/// STARTED 1 13
+/// FT 1 36
+/// COV 1
+/// ```
+fn reaching_more(account: &str) -> Option<Vec<PathBuf>> {
+    let mut lines = account.lines();
+    let count = lines.next()?.parse().ok()?;
+    lines.next()?;
+    let paths: Vec<&str> = lines.by_ref().take(count).collect();
+    let mut reaching = Vec::new();
+    for line in lines {
+        let mut words = line.split_whitespace();
+        if words.next() == Some("COV") {
+            let path = paths.get(words.next()?.parse::<usize>().ok()?)?;
+            if words.next().is_some() {
+                reaching.push(PathBuf::from(path));
+            }
+        }
+    }
+    Some(reaching)
 }
 
 /// The smallest inputs, as many as there is room for.
@@ -68,6 +110,17 @@ fn chosen(mut inputs: Vec<(u64, PathBuf)>) -> Vec<(u64, PathBuf)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn those_that_reach_more_are_known_by_the_account_of_a_merge() {
+        let account = "3\n1\n/s/seed-0\n/c/a\n/c/b\nSTARTED 0 1\nFT 0 34 35\nCOV 0 7 8\n\
+                       STARTED 1 2\nFT 1 36\nCOV 1\nSTARTED 2 3\nFT 2 37\nCOV 2 9\n";
+        let expected = ["/s/seed-0", "/c/b"].map(PathBuf::from).to_vec();
+        assert_eq!(reaching_more(account), Some(expected));
+        for other in ["", "1\n", "1\n0\n/c/a\nCOV 1 5\n", "a\n0\n"] {
+            assert_eq!(reaching_more(other), None, "{other}");
+        }
+    }
 
     #[test]
     fn the_smallest_are_stored_as_far_as_there_is_room() {

@@ -12,9 +12,13 @@
 //! target/fuzz/finds/T      inputs for which a law did not hold, or that took too long or too much memory
 //! target/fuzz/counts/T     what the latest run has counted so far
 //! target/fuzz/log/T        what libFuzzer has said in it
-//! target/fuzz/tmp/T        the files that the target makes; emptied before each run
+//! target/fuzz/seeds/T      the seeds that the target has made
+//! target/fuzz/merging/T    libFuzzer's account of the latest `--minimise`
 //! tests/fuzz/corpus/T      what `--minimise` makes of it for the usual tests
 //! ```
+//!
+//! The files that a target makes are kept in memory where there is room for such: what is written to be
+//! kept is waited for, at each of many inputs a second, until a disk has it.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -26,6 +30,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use plumbline_test_support::fuzz::{FuzzTarget, TARGETS};
+use tempfile::TempDir;
 
 use crate::command::{BadInput, Task, target_directory};
 use crate::setup::{self, CargoTool};
@@ -69,7 +74,7 @@ pub struct Arguments {
 }
 
 /// The targets, each with what it tries, for the help.
-fn names() -> PossibleValuesParser {
+pub fn names() -> PossibleValuesParser {
     TARGETS.map(|target| PossibleValue::new(target.name).help(target.what)).into()
 }
 
@@ -77,6 +82,8 @@ fn names() -> PossibleValuesParser {
 struct Place {
     target: FuzzTarget,
     program: PathBuf,
+    /// Where it makes its files; removed at the end.
+    temporary: TempDir,
 }
 
 impl Place {
@@ -93,7 +100,7 @@ impl Place {
     /// Its program, with the arguments and the environment of every run; its files are made in an empty
     /// directory.
     fn task(&self) -> Result<Task> {
-        let temporary = self.of("tmp");
+        let temporary = self.temporary.path().join("run");
         emptied(&temporary)?;
         let home = temporary.join("home");
         fs::create_dir_all(&home).with_context(|| home.display().to_string())?;
@@ -105,6 +112,9 @@ impl Place {
                 format!("-rss_limit_mb={}", run::MEMORY_MB_MAX),
                 "-detect_leaks=0".to_owned(),
                 "-print_final_stats=1".to_owned(),
+                // Not the names of functions that are reached for the first time: to find them takes as
+                // long as thousands of inputs.
+                "-print_funcs=0".to_owned(),
             ])
             .env("TMPDIR", &temporary.to_string_lossy())
             .env("XDG_DATA_HOME", &home.to_string_lossy()))
@@ -181,6 +191,8 @@ fn build(targets: &[FuzzTarget]) -> Result<Vec<Place>> {
             .args(["fuzz", "build", "--fuzz-dir", RUNNER, "--sanitizer", "address"])
             .args(["--strip-dead-code", "--target-dir", &output.to_string_lossy()])
             .env("RUSTC_BOOTSTRAP", "1")
+            // libFuzzer itself is not checked, as where it comes from.
+            .env("CXXFLAGS", "-fno-sanitize=address")
     };
     if targets.len() == TARGETS.len() {
         build().run()?;
@@ -190,9 +202,20 @@ fn build(targets: &[FuzzTarget]) -> Result<Vec<Place>> {
     let about = Task::new("rustc").args(["-vV"]).output()?;
     let triple = about.lines().find_map(|line| line.strip_prefix("host: "));
     let programs = output.join(triple.context("rustc says its host")?).join("release");
-    let place =
-        |target: &FuzzTarget| Place { target: *target, program: programs.join(target.name) };
-    Ok(targets.iter().map(place).collect())
+    let place = |target: &FuzzTarget| -> Result<Place> {
+        let (program, temporary) = (programs.join(target.name), temporary()?);
+        Ok(Place { target: *target, program, temporary })
+    };
+    targets.iter().map(place).collect()
+}
+
+/// A directory in memory, or else beside everything.
+fn temporary() -> Result<TempDir> {
+    let make =
+        |parent: &Path| tempfile::Builder::new().prefix("plumbline-fuzz-").tempdir_in(parent);
+    let home = home();
+    let made = make(Path::new("/dev/shm")).or_else(|_| make(&home));
+    made.with_context(|| home.display().to_string())
 }
 
 /// Tries each target for this time, so many at once. Ctrl-C ends all of them; what was counted until
@@ -213,7 +236,10 @@ fn try_all(places: &[Place], limit: Duration, jobs: usize) -> Result<Vec<Tally>>
                     && let Some(place) = next()
                 {
                     match run::run(place, limit, &is_over) {
-                        Ok(tally) => tallies.lock().expect("nobody panics with it").push(tally),
+                        Ok(tally) => {
+                            println!("{}", tally.evidence());
+                            tallies.lock().expect("nobody panics with it").push(tally);
+                        }
                         Err(error) => {
                             let mut failures = failures.lock().expect("nobody panics with it");
                             failures.push(format!("{}: {error:#}", place.target.name));

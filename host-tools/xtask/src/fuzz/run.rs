@@ -47,7 +47,11 @@ pub fn run(place: &Place, limit: Duration, is_over: &AtomicBool) -> Result<Tally
             .args([format!("-max_total_time={left}")])
             .args([format!("-artifact_prefix={}/", finds.display())])
             .args([&corpus, &place.stored(), &seeds])
-            .env(SEEDS, &seeds.to_string_lossy());
+            .env(SEEDS, &seeds.to_string_lossy())
+            // To look up the names of its functions takes so long that a failure would be told as an
+            // input that takes too long; `--input` tells them.
+            .env("RUST_BACKTRACE", "0")
+            .env("ASAN_OPTIONS", "symbolize=0");
         let mut said = Said::default();
         let mut shown = Instant::now();
         let status = task.watch(Duration::from_secs(1), |line| {

@@ -96,7 +96,7 @@ impl Tally {
     }
 
     /// The line for the page of evidence.
-    fn evidence(&self) -> String {
+    pub fn evidence(&self) -> String {
         let minutes = self.took.as_secs_f64() / 60.0;
         let found = match self.finds.len() {
             0 => "no failure".to_owned(),
@@ -156,9 +156,6 @@ pub fn report(tallies: &[Tally]) {
         for find in &tally.finds {
             println!("{}", tally.told(find));
         }
-    }
-    for tally in tallies {
-        println!("{}", tally.evidence());
     }
 }
 

@@ -1,6 +1,6 @@
 //! See the module `camera` of `plumbline-laws`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(init: plumbline_laws::begin("camera"), |input: &[u8]| {
-    (plumbline_laws::target("camera").check)(input);
-});
+use plumbline_laws::CAMERA;
+
+libfuzzer_sys::fuzz_target!(init: CAMERA.begin(), |input: &[u8]| (CAMERA.check)(input));

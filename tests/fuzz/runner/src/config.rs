@@ -1,6 +1,6 @@
 //! See the module `config` of `plumbline-laws`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(init: plumbline_laws::begin("config"), |input: &[u8]| {
-    (plumbline_laws::target("config").check)(input);
-});
+use plumbline_laws::CONFIG;
+
+libfuzzer_sys::fuzz_target!(init: CONFIG.begin(), |input: &[u8]| (CONFIG.check)(input));

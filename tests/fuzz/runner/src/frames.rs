@@ -1,6 +1,6 @@
 //! See the module `frames` of `plumbline-laws`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(init: plumbline_laws::begin("frames"), |input: &[u8]| {
-    (plumbline_laws::target("frames").check)(input);
-});
+use plumbline_laws::FRAMES;
+
+libfuzzer_sys::fuzz_target!(init: FRAMES.begin(), |input: &[u8]| (FRAMES.check)(input));

@@ -1,6 +1,6 @@
 //! See the module `link` of `plumbline-laws`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(init: plumbline_laws::begin("link"), |input: &[u8]| {
-    (plumbline_laws::target("link").check)(input);
-});
+use plumbline_laws::LINK;
+
+libfuzzer_sys::fuzz_target!(init: LINK.begin(), |input: &[u8]| (LINK.check)(input));

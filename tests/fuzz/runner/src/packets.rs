@@ -1,6 +1,6 @@
 //! See the module `packets` of `plumbline-laws`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(init: plumbline_laws::begin("packets"), |input: &[u8]| {
-    (plumbline_laws::target("packets").check)(input);
-});
+use plumbline_laws::PACKETS;
+
+libfuzzer_sys::fuzz_target!(init: PACKETS.begin(), |input: &[u8]| (PACKETS.check)(input));

@@ -1,6 +1,6 @@
 //! See the module `pictures` of `plumbline-laws`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(init: plumbline_laws::begin("pictures"), |input: &[u8]| {
-    (plumbline_laws::target("pictures").check)(input);
-});
+use plumbline_laws::PICTURES;
+
+libfuzzer_sys::fuzz_target!(init: PICTURES.begin(), |input: &[u8]| (PICTURES.check)(input));

@@ -1,6 +1,6 @@
 //! See the module `requests` of `plumbline-laws`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(init: plumbline_laws::begin("requests"), |input: &[u8]| {
-    (plumbline_laws::target("requests").check)(input);
-});
+use plumbline_laws::REQUESTS;
+
+libfuzzer_sys::fuzz_target!(init: REQUESTS.begin(), |input: &[u8]| (REQUESTS.check)(input));

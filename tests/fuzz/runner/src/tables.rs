@@ -1,6 +1,6 @@
 //! See the module `tables` of `plumbline-laws`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(init: plumbline_laws::begin("tables"), |input: &[u8]| {
-    (plumbline_laws::target("tables").check)(input);
-});
+use plumbline_laws::TABLES;
+
+libfuzzer_sys::fuzz_target!(init: TABLES.begin(), |input: &[u8]| (TABLES.check)(input));
