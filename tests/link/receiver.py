@@ -89,9 +89,9 @@ class Session:
         process, name = process or int.from_bytes(os.urandom(4), "little"), b"receiver.py"
         caller = (varint(process) + varint(len(name)) + name).ljust(CALLER_BYTES, b"\0")
         opening = bytes([VERSION, OPENING]) + cookie + terms + noise.write(caller)
-        self.id, admission, self.to_box, self.to_host = self.ask(
-            opening, ACCEPTANCE, lambda it: (it[2:4], *noise.read(it[4:])))
-        self.next, self.epoch, self.stream_key = struct.unpack("<QQ32s", admission)
+        accepted, self.to_box, self.to_host = self.ask(
+            opening, ACCEPTANCE, lambda it: noise.read(it[2:]))
+        self.id, self.next, self.epoch, self.stream_key = struct.unpack("<2sQQ32s", accepted)
         self.seen, self.held = self.next, {}  # where the box is; what waits for what is missing
 
     def ask(self, packet, kind, accept):

@@ -15,8 +15,8 @@ use super::handshake::Handshake;
 use super::key::Key;
 use super::listeners::Caller;
 use super::wire::{
-    ADMISSION_BYTES, Answer, CALLER_BYTES, Purpose, Reader, SEALED_BYTES_MAX, SESSION_BYTES,
-    TOKEN_BYTES, Terms, Writer, greeting,
+    ACCEPTED_BYTES, ADMISSION_BYTES, Answer, CALLER_BYTES, Purpose, SEALED_BYTES_MAX,
+    SESSION_BYTES, TOKEN_BYTES, Terms, Writer, greeting,
 };
 use crate::tell::packet::Start;
 
@@ -218,20 +218,21 @@ impl Attempts {
 
     /// What an acceptance of one of the openings says; all others end with it.
     pub(super) fn accepted(&mut self, from: Peer, rest: &[u8]) -> Option<Acceptance> {
-        let mut reader = Reader(rest);
-        let session = u16::from_le_bytes(reader.take::<SESSION_BYTES>()?);
         let attempt = self.all.iter().find(|it| it.peer == from)?;
         let Stage::Opens(opening) = &attempt.stage else { return None };
-        let mut admission = Zeroizing::new([0; ADMISSION_BYTES]);
+        let bytes = match opening.purpose {
+            Purpose::Listening => ACCEPTED_BYTES,
+            Purpose::Updating => SESSION_BYTES,
+        };
+        let mut accepted = Zeroizing::new([0; ACCEPTED_BYTES]);
         // A forged acceptance must not spoil the handshake: it is read from a copy.
         let mut handshake = opening.handshake.clone();
-        let bytes = match opening.purpose {
-            Purpose::Listening => ADMISSION_BYTES,
-            Purpose::Updating => 0,
-        };
-        if handshake.read(reader.0, &mut admission[..])? != bytes {
+        if handshake.read(rest, &mut accepted[..])? != bytes {
             return None;
         }
+        let (session, rest) = accepted.split_first_chunk::<SESSION_BYTES>()?;
+        let session = u16::from_le_bytes(*session);
+        let admission = Zeroizing::new(*rest.first_chunk()?);
         let (start, keys) = (opening.start, handshake.keys()?);
         let channel = Channel::new(opening.purpose, session, keys.to_box, keys.to_host);
         self.all.clear();

@@ -31,8 +31,8 @@ use super::ring::Ring;
 use super::stream::StreamSealer;
 use super::updater::{Updater, UpdaterId};
 use super::wire::{
-    ADMISSION_BYTES, Announcement, Answer, BoxState, CALLER_BYTES, Kind, Purpose, Reader,
-    SEALED_BYTES_MAX, Terms, VERSIONS, Writer, greeting_token,
+    ACCEPTED_BYTES, ADMISSION_BYTES, Announcement, Answer, BoxState, CALLER_BYTES, Kind, Purpose,
+    Reader, SEALED_BYTES_MAX, SESSION_BYTES, Terms, VERSIONS, Writer, greeting_token,
 };
 use super::{Pairing, Peer};
 use crate::tell::packet::{
@@ -353,15 +353,16 @@ impl BoxEnd {
         handshake.read(message, &mut caller)?;
         self.handshakes.see(seen);
         let caller = postcard::from_bytes::<Caller>(&caller).ok()?;
-        let admission = self.admission();
-        let payload = match purpose {
-            Purpose::Listening => &admission[..],
-            // Who updates the box has no part in its stream.
-            Purpose::Updating => &[],
-        };
         let session = self.free_session();
+        let mut accepted = Zeroizing::new([0; ACCEPTED_BYTES]);
+        accepted[..SESSION_BYTES].copy_from_slice(&session.to_le_bytes());
+        accepted[SESSION_BYTES..].copy_from_slice(&self.admission()[..]);
+        let payload = match purpose {
+            Purpose::Listening => &accepted[..],
+            // Who updates the box has no part in its stream.
+            Purpose::Updating => &accepted[..SESSION_BYTES],
+        };
         let mut writer = Writer::new(buffer, purpose.acceptance());
-        writer.put(session.to_le_bytes());
         let header_bytes = writer.length();
         let bytes = handshake.write(payload, writer.room(0))?;
         let packet = writer.packet_of(header_bytes + bytes);

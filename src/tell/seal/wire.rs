@@ -56,8 +56,11 @@ const ANNOUNCEMENT_BYTES_MAX: usize = FIXED_BYTES + WAITING_TEXT_BYTES_MAX + CRC
 /// Stream counter, epoch and key: what a box gives to a listener.
 pub(super) const ADMISSION_BYTES: usize = 8 + 8 + KEY_BYTES;
 
-pub(super) const ACCEPTANCE_BYTES: usize =
-    HEAD_BYTES + SESSION_BYTES + NOISE_BYTES + ADMISSION_BYTES;
+/// What an acceptance says to a listener: the session, and the admission. It is sealed, so that nobody
+/// changes it on its way.
+pub(super) const ACCEPTED_BYTES: usize = SESSION_BYTES + ADMISSION_BYTES;
+
+pub(super) const ACCEPTANCE_BYTES: usize = HEAD_BYTES + NOISE_BYTES + ACCEPTED_BYTES;
 
 /// Bytes of a [`Caller`](super::Caller) in an opening, zeros behind it: whatever its name, an opening
 /// is longer than the acceptance.

@@ -1,20 +1,26 @@
-//! The link: a box and three programs that want to hear it, two of which have its key, on a network
-//! that does whatever an input says. The input is a list of steps, most of which use a packet that was
+//! The link: a box, three programs that want to hear it, two of which have its key, and two that want to
+//! update it, one of which has its key, on a network that does whatever an input says. The input is a list of steps, most of which use a packet that was
 //! sent before: it is delivered, to whomever, as it was, damaged or cut, once or again.
 //!
 //! Laws:
 //! - The box hears what a program with its key has said, at most once, and nothing else; a program hears
 //!   what the box has said, at most once, and nothing else. Without the key nobody is told anything.
+//! - The same holds for what the programs that update it ask, and are answered; and only one at a time
+//!   is answered anything but that it must wait.
 //! - Who has not shown that packets reach it gets no more bytes than it has sent.
-//! - Whatever has happened, once the network is honest again a program with the key is heard, and hears.
+//! - Whatever has happened, once the network is honest again a program with the key is heard, and hears,
+//!   and one that updates the box is answered.
 
 use std::collections::HashSet;
 use std::net::SocketAddr;
 
-use plumbline::packet::{Action, Command, Log, LogLevel, Message, Reply, ReplyOutcome, Start};
+use plumbline::packet::{
+    Action, Command, Log, LogLevel, Message, Reply, ReplyOutcome, Start, UpdateOutcome,
+    UpdateReply, UpdateRequest, UpdateState, UpdateStep,
+};
 use plumbline::seal::{
     Announcement, BoxEnd, Caller, Heard, HostEnd, Key, OWN_COMMAND, OneWay, Paired, Peer,
-    SEALED_BYTES_MAX, StreamOpener, Told,
+    SEALED_BYTES_MAX, StreamOpener, Told, ToldOfUpdate, UpdateEnd,
 };
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -33,8 +39,15 @@ const THROUGH_WITHIN_MS: u64 = 30_000;
 /// The time from one honest step to the next.
 const STEP_MS: u64 = 50;
 
-/// The first two hosts have the key of the box.
+/// Programs that want to hear the box. The first two of them have its key.
+const HOSTS: usize = 3;
 const WITH_KEY: usize = 2;
+
+/// Programs that want to update it, whose addresses follow. The first of them has its key.
+const UPDATERS: usize = 2;
+
+/// Addresses of the box and of all programs.
+const PLACES: usize = 1 + HOSTS + UPDATERS;
 
 /// Checks the laws for an input.
 pub fn check(bytes: &[u8]) {
@@ -119,6 +132,7 @@ struct World {
     bx: BoxEnd,
     start: u32,
     hosts: Vec<HostEnd>,
+    updaters: Vec<UpdateEnd>,
     /// All that was sent, and where what is not delivered yet begins.
     sent: Vec<Sent>,
     next: usize,
@@ -128,6 +142,11 @@ struct World {
     /// What the box has said, to all or to one, and who has heard it.
     told: HashSet<(u32, Option<u64>, String)>,
     reached: Words,
+    /// Requests about an update that were sent, those that the box has heard, and the replies that
+    /// were heard, by their numbers.
+    asked: HashSet<u16>,
+    answered: HashSet<u16>,
+    told_of_update: HashSet<u16>,
     number: u16,
     bytes_to_strangers: usize,
     bytes_of_strangers: usize,
@@ -147,12 +166,22 @@ impl World {
             // The second one waits for an announcement.
             HostEnd::new(key, caller, (index != 1).then(|| address(0)))
         };
+        let updater = |index: usize| {
+            let process = (HOSTS + index) as u32 + 1;
+            let caller = Caller { process, name: "an updater".try_into().expect("it is short") };
+            let key = if index == 0 { key(1) } else { key(2) };
+            UpdateEnd::new(key, caller, Some(address(0)))
+        };
         Self {
             random,
             now_ns: 1_000_000 * MS,
             bx,
             start,
-            hosts: (0..3).map(host).collect(),
+            hosts: (0..HOSTS).map(host).collect(),
+            updaters: (0..UPDATERS).map(updater).collect(),
+            asked: HashSet::new(),
+            answered: HashSet::new(),
+            told_of_update: HashSet::new(),
             sent: Vec::new(),
             next: 0,
             said: HashSet::new(),
@@ -166,7 +195,7 @@ impl World {
     }
 
     fn step(&mut self, input: &mut Input<'_>) {
-        match input.below(12) {
+        match input.below(13) {
             0 => self.due(),
             // The next packet arrives, or is lost.
             1 => self.deliver_next(),
@@ -176,7 +205,7 @@ impl World {
                 if let Some(sent) = self.chosen(input) {
                     let (from, packet) = (sent.from, sent.packet.clone());
                     let from = self.perhaps_another(input, from);
-                    let to = input.below(4);
+                    let to = input.below(PLACES);
                     self.deliver(from, address(to), &packet);
                 }
             }
@@ -205,7 +234,7 @@ impl World {
             }
             // Bytes of a stranger.
             6 => {
-                let (from, to) = (input.below(8), input.below(4));
+                let (from, to) = (input.below(8), input.below(PLACES));
                 let packet = input.block();
                 self.deliver(address(from), address(to), packet);
             }
@@ -215,7 +244,10 @@ impl World {
             }
             9 => self.tells(),
             10 => self.announces(),
-            _ => self.restarts(),
+            11 => self.restarts(),
+            _ => {
+                self.asks(input.below(UPDATERS));
+            }
         }
     }
 
@@ -252,6 +284,16 @@ impl World {
                 self.send(address(index + 1), to, packet);
             }
         }
+        for index in 0..self.updaters.len() {
+            for _ in 0..16 {
+                let mut buffer = [0; SEALED_BYTES_MAX];
+                let (now_ns, random) = (self.now_ns, &mut self.random);
+                let due = self.updaters[index].due(now_ns, || draw(random), &mut buffer);
+                let Some((to, packet)) = due else { break };
+                let packet = packet.to_vec();
+                self.send(address(1 + HOSTS + index), to, packet);
+            }
+        }
     }
 
     fn deliver_next(&mut self) {
@@ -263,9 +305,10 @@ impl World {
     }
 
     fn deliver(&mut self, from: Peer, to: Peer, packet: &[u8]) {
-        match (0..=self.hosts.len()).find(|index| address(*index) == to) {
+        match (0..PLACES).find(|index| address(*index) == to) {
             Some(0) => self.box_receives(from, packet),
-            Some(host) => self.host_receives(host - 1, from, packet),
+            Some(host) if host <= HOSTS => self.host_receives(host - 1, from, packet),
+            Some(updater) => self.updater_receives(updater - 1 - HOSTS, from, packet),
             None => {}
         }
     }
@@ -274,11 +317,24 @@ impl World {
         let was_known = self.bx.listeners().iter().any(|(_, peer)| *peer == from);
         let (now_ns, random) = (self.now_ns, &mut self.random);
         let mut buffer = [0; SEALED_BYTES_MAX];
-        let mut answer = None;
+        let (mut answer, mut was_asked) = (None, false);
         match self.bx.receive(from, packet, now_ns, || draw(random), &mut buffer) {
             Heard::Nothing | Heard::Left => {}
             Heard::Answer(packet) => answer = Some(packet.to_vec()),
             Heard::Pairing(_) => panic!("nobody pairs"),
+            Heard::Update { request, .. } => {
+                assert!(self.asked.contains(&request.id), "nobody has asked {request:?}");
+                assert!(self.answered.insert(request.id), "it hears {request:?} twice");
+                let state = UpdateState::Receiving { next: request.id.into() };
+                let outcome = UpdateOutcome::State { state, text: heapless::String::new() };
+                let version = heapless::String::new();
+                let reply = UpdateReply { id: request.id, version, outcome };
+                let sealed = self.bx.seal_to_updater(&reply, &mut buffer);
+                let (to, packet) = sealed.expect("it has just asked").expect("it is short");
+                assert_eq!(to, from, "somebody else is answered");
+                was_asked = true;
+                answer = Some(packet.to_vec());
+            }
             Heard::Message { listener, message, .. } => {
                 let Message::Command(command) = message else { panic!("it hears {message:?}") };
                 let listeners = self.bx.listeners();
@@ -306,7 +362,7 @@ impl World {
                 }
             }
         }
-        if !was_known {
+        if !was_known && !was_asked {
             self.bytes_of_strangers += packet.len();
             self.bytes_to_strangers += answer.as_ref().map_or(0, Vec::len);
             assert!(
@@ -343,6 +399,44 @@ impl World {
         }
     }
 
+    fn updater_receives(&mut self, updater: usize, from: Peer, packet: &[u8]) {
+        let (now_ns, random) = (self.now_ns, &mut self.random);
+        let mut buffer = [0; SEALED_BYTES_MAX];
+        let end = &mut self.updaters[updater];
+        match end.receive(from, packet, now_ns, || draw(random), &mut buffer) {
+            ToldOfUpdate::Nothing => {}
+            ToldOfUpdate::Handshake(answer) => {
+                if let Some(answer) = answer.map(<[u8]>::to_vec) {
+                    self.send(address(1 + HOSTS + updater), from, answer);
+                }
+            }
+            ToldOfUpdate::Reply { reply, .. } => {
+                assert_eq!(updater, 0, "who has no key hears {reply:?}");
+                assert!(self.answered.contains(&reply.id), "nobody has told {reply:?}");
+                assert!(self.told_of_update.insert(reply.id), "it is told {reply:?} twice");
+                let UpdateOutcome::State { state, .. } = &reply.outcome else {
+                    panic!("nobody else updates the box: {reply:?}");
+                };
+                assert_eq!(*state, UpdateState::Receiving { next: reply.id.into() });
+            }
+        }
+    }
+
+    /// A program asks something about an update, if it has a session.
+    fn asks(&mut self, updater: usize) -> Option<u16> {
+        let id = self.number + 1;
+        let mut buffer = [0; SEALED_BYTES_MAX];
+        let request = UpdateRequest { id, step: UpdateStep::Query };
+        let sealed = self.updaters[updater].seal(&request, &mut buffer)?;
+        assert_eq!(updater, 0, "who has no key has a session");
+        let (to, packet) = sealed.expect("it is short");
+        let packet = packet.to_vec();
+        self.number = id;
+        self.asked.insert(id);
+        self.send(address(1 + HOSTS + updater), to, packet);
+        Some(id)
+    }
+
     fn who_said(&self, id: u16) -> Option<usize> {
         let words = format!("{:?}", ping(id));
         (0..self.hosts.len()).find(|host| self.said.contains(&(self.start, *host, words.clone())))
@@ -377,8 +471,8 @@ impl World {
     fn announces(&mut self) {
         let mut buffer = [0; SEALED_BYTES_MAX];
         let packet = self.bx.announcement(&mut buffer).to_vec();
-        for host in 0..self.hosts.len() {
-            self.send(address(0), address(host + 1), packet.clone());
+        for place in 1..PLACES {
+            self.send(address(0), address(place), packet.clone());
         }
     }
 
@@ -402,7 +496,11 @@ impl World {
                 })
             })
         };
-        while !is_through(self, &asked) {
+        let mut update = None;
+        let is_updated = |world: &Self, update: &Option<u16>| {
+            update.is_some_and(|id| world.told_of_update.contains(&id))
+        };
+        while !is_through(self, &asked) || !is_updated(self, &update) {
             assert!(elapsed_ms < THROUGH_WITHIN_MS, "{:?} are not through", self.hosts);
             elapsed_ms += STEP_MS;
             self.pass(STEP_MS);
@@ -414,6 +512,9 @@ impl World {
                 if elapsed_ms % 500 == 0 && self.hosts[host].peer().is_some() {
                     *asked = self.says(host).or(*asked);
                 }
+            }
+            if elapsed_ms % 500 == 0 && self.updaters[0].peer().is_some() {
+                update = self.asks(0).or(update);
             }
             while self.next < self.sent.len() {
                 self.deliver_next();

@@ -27,11 +27,6 @@ const THROUGH_WITHIN_MS: u64 = 30_000;
 /// The time from one honest step to the next.
 const STEP_MS: u64 = 50;
 
-/// The kind of the second message of a handshake. The number of the session that begins with it is in
-/// clear: whoever changes it on its way does no more than who keeps it from coming, which is tried.
-const ACCEPTANCE: u8 = 5;
-const SESSION_AT: usize = 2;
-
 /// What may happen next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
@@ -39,8 +34,6 @@ pub enum Event {
     Passes(u64),
     /// The packet of this number comes, for the first time or again.
     Comes(usize),
-    /// This acceptance comes, with another number of its session.
-    ComesChanged(usize),
     ProgramRestarts,
     BoxRestarts,
     ProgramSays,
@@ -159,11 +152,6 @@ impl World {
         match event {
             Event::Passes(ms) => self.pass(ms),
             Event::Comes(index) => self.deliver(index),
-            Event::ComesChanged(index) => {
-                let mut bytes = self.packets[index].bytes.clone();
-                bytes[SESSION_AT] ^= 0x80;
-                assert!(!self.host_receives(&bytes), "nothing is said with it");
-            }
             Event::ProgramRestarts => {
                 self.processes += 1;
                 self.host = host_end(self.processes);
@@ -193,10 +181,7 @@ impl World {
             Event::BoxTells,
             Event::BoxAnnounces,
         ];
-        let is_acceptance = |it: &usize| self.packets[*it].bytes[1] == ACCEPTANCE;
-        let changed = (0..self.packets.len()).filter(is_acceptance).map(Event::ComesChanged);
-        let changed: Vec<Event> = changed.collect();
-        (0..self.packets.len()).map(Event::Comes).chain(changed).chain(pauses).chain(rest)
+        (0..self.packets.len()).map(Event::Comes).chain(pauses).chain(rest)
     }
 
     fn send(&mut self, to_box: bool, bytes: Vec<u8>) {
@@ -352,8 +337,7 @@ impl World {
             if !matches!(bytes[1], 3..=7) {
                 continue;
             }
-            let first = if bytes[1] == ACCEPTANCE { SESSION_AT + 2 } else { 2 };
-            for at in [first, bytes.len() / 2, bytes.len() - 1] {
+            for at in [2, bytes.len() / 2, bytes.len() - 1] {
                 let mut forged = bytes.clone();
                 forged[at] ^= 1;
                 self.assert_ignored(to_box, &forged);
