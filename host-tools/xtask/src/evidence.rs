@@ -50,6 +50,8 @@ enum What {
     /// A million frames, what goes wrong meanwhile, and power cuts while a box is updated: `cargo xtask
     /// test endurance`.
     Endurance,
+    /// The sources, changed a little in thousands of ways, against the tests: `cargo xtask mutants`.
+    Mutants,
 }
 
 impl What {
@@ -63,6 +65,7 @@ impl What {
         match self {
             Self::Fuzz => vec!["fuzz".to_owned(), "--minutes".to_owned(), minutes.to_string()],
             Self::Endurance => vec!["test".to_owned(), self.word()],
+            Self::Mutants => vec![self.word()],
         }
     }
 }
