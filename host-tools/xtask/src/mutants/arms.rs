@@ -170,9 +170,9 @@ impl<'a> Lines<'a> {
         let start = place.line.checked_sub(1).and_then(|line| self.starts.get(line));
         let start = *start.with_context(outside)?;
         let line = &self.text[start..];
-        let ends = line.char_indices().map(|(at, _)| at).chain([line.len()]);
+        let mut ends = line.char_indices().map(|(at, _)| at).chain([line.len()]);
         let column = place.column.checked_sub(1).with_context(outside)?;
-        Ok(start + ends.skip(column).next().with_context(outside)?)
+        Ok(start + ends.nth(column).with_context(outside)?)
     }
 }
 

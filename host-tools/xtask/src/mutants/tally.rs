@@ -173,6 +173,14 @@ mod tests {
     }
 
     #[test]
+    fn the_list_has_a_place_for_each_area() {
+        for word in super::super::Word::value_variants() {
+            let word = word.to_possible_value().unwrap();
+            Part { document: PAGE, name: word.get_name() }.read().unwrap();
+        }
+    }
+
+    #[test]
     fn the_evidence_says_how_many_of_how_many_and_that_they_were_drawn() {
         let line = tally().evidence("the core", 5, Some(7));
         assert_eq!(

@@ -1,26 +1,35 @@
 //! A copy of the sources, in which mutants are compiled: what is checked out never changes.
 
 use std::collections::BTreeSet;
-use std::fs;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 
-use crate::command::{Task, root};
+use crate::command::{BadInput, Task, root};
 
 /// The copy.
 pub struct Tree {
     place: PathBuf,
+    /// As long as it is open, no other run changes the copy.
+    _lock: File,
 }
 
 impl Tree {
     /// Makes the copy in this directory, or brings it up to date. Files that are the same keep their time,
     /// so that what was compiled of them is not compiled again.
     pub fn at(place: PathBuf) -> Result<Self> {
+        fs::create_dir_all(&place).with_context(|| place.display().to_string())?;
+        let lock = place.with_extension("lock");
+        let lock = File::create(&lock).with_context(|| lock.display().to_string())?;
+        if lock.try_lock().is_err() {
+            let place = place.display();
+            bail!(BadInput(format!("{place}: another run is trying mutants; wait until it ends")));
+        }
         let list = ["ls-files", "--cached", "--others", "--exclude-standard", "-z"];
         let list = Task::new("git").args(list).output()?;
         let files: BTreeSet<&str> = list.split('\0').filter(|name| !name.is_empty()).collect();
-        let tree = Self { place };
+        let tree = Self { place, _lock: lock };
         for name in &files {
             // A file may be deleted and still be known to git.
             match fs::read(root().join(name)) {

@@ -15,6 +15,9 @@ use crate::command::Task;
 /// The processor time of tests that were not measured.
 const LIMIT_S: u64 = 300;
 
+/// How the line begins in which the shell says how long a program took.
+const TOOK: &str = "took ";
+
 /// A mutant may ask for memory without end; this much is left to it.
 const MEMORY_KB_MAX: u32 = 4_000_000;
 
@@ -31,6 +34,8 @@ pub struct Tests {
     filter: String,
     /// The processor time that they have.
     limit_s: u64,
+    /// The time that they have.
+    wait_s: u64,
 }
 
 /// How tests went.
@@ -48,30 +53,55 @@ impl Tests {
     /// [`LIMIT_S`].
     pub fn new(program: &Path, directory: &Path, filter: &str) -> Self {
         let (program, directory) = (program.to_owned(), directory.to_owned());
-        Self { program, directory, filter: filter.to_owned(), limit_s: LIMIT_S }
+        Self {
+            program,
+            directory,
+            filter: filter.to_owned(),
+            limit_s: LIMIT_S,
+            wait_s: 4 * LIMIT_S,
+        }
     }
 
-    /// Runs them without a mutant: they must pass, and a mutant has several times as long.
+    /// Runs them without a mutant: they must pass, and a mutant has several times the processor time, which
+    /// does not depend on what else runs on the computer.
     pub fn measured(mut self, is_over: &AtomicBool) -> Result<Self> {
-        let began = Instant::now();
-        let verdict = self.run(0, is_over)?;
+        let (began, mut took_s) = (Instant::now(), 0.0);
+        let timed = format!("TIMEFORMAT='{TOOK}%U %S'; time \"$0\" \"$@\"");
+        let verdict = self.run_by(&timed, 0, is_over, |line| {
+            if let Some(seconds) = line.strip_prefix(TOOK) {
+                took_s = seconds.split(' ').filter_map(|it| it.parse::<f64>().ok()).sum();
+            }
+        })?;
         ensure!(
             matches!(verdict, Verdict::Passed | Verdict::Interrupted),
             "without a mutant, tests of {} with \"{}\" in their name do not pass",
             self.program.display(),
             self.filter
         );
-        self.limit_s = 5 + 5 * began.elapsed().as_secs();
+        self.limit_s = 5 + (5.0 * took_s) as u64;
+        // Who only waits takes no processor time.
+        self.wait_s = 60 + 5 * began.elapsed().as_secs();
         Ok(self)
     }
 
     /// Runs them with this mutant.
     pub fn run(&self, number: u32, is_over: &AtomicBool) -> Result<Verdict> {
+        let limits = format!("ulimit -t {} -v {MEMORY_KB_MAX} && exec \"$0\" \"$@\"", self.limit_s);
+        self.run_by(&limits, number, is_over, |_| {})
+    }
+
+    /// Runs them by a line for a shell, and passes on what they say.
+    fn run_by(
+        &self,
+        shell: &str,
+        number: u32,
+        is_over: &AtomicBool,
+        mut read: impl FnMut(&str),
+    ) -> Result<Verdict> {
         let temporary = super::home().join("tmp").join(number.to_string());
         fs::create_dir_all(&temporary).with_context(|| temporary.display().to_string())?;
-        let limits = format!("ulimit -t {} -v {MEMORY_KB_MAX} && exec \"$0\" \"$@\"", self.limit_s);
         let task = Task::new("bash")
-            .args(["-c", &limits])
+            .args(["-c", shell])
             .args([&self.program])
             .args(["--test-threads=1", &self.filter])
             .env(arms::VARIABLE, &number.to_string())
@@ -80,10 +110,12 @@ impl Tests {
             .env("TMPDIR", &temporary.to_string_lossy())
             .env("CARGO_MANIFEST_DIR", &self.directory.to_string_lossy())
             .current_dir(&self.directory);
-        // Who only waits takes no processor time.
-        let deadline = Instant::now() + Duration::from_secs(60 + 8 * self.limit_s);
+        let deadline = Instant::now() + Duration::from_secs(self.wait_s);
         let (mut has_failed, mut is_late) = (false, false);
         let status = task.quiet().watch(Duration::from_secs(1), |line| {
+            if let Some(line) = line {
+                read(line);
+            }
             has_failed |= line.is_some_and(is_failure);
             is_late = Instant::now() > deadline;
             !has_failed && !is_late && !is_over.load(Ordering::Relaxed)
@@ -137,6 +169,19 @@ mod tests {
         path
     }
 
+    #[test]
+    fn a_mutant_has_several_times_the_processor_time_of_the_tests() {
+        let folder = tempfile::tempdir().unwrap();
+        let is_over = AtomicBool::new(false);
+        let spin = "n=0; while [ $n -lt 300000 ]; do n=$((n+1)); done";
+        for (script, is_long) in [("sleep 1.5", false), (spin, true)] {
+            let tests = Tests::new(&program(folder.path(), script), folder.path(), "a::");
+            let tests = tests.measured(&is_over).unwrap();
+            assert!(if is_long { tests.limit_s > 5 } else { tests.limit_s == 5 }, "{tests:?}");
+            assert!(is_long || tests.wait_s >= 65, "{tests:?}");
+        }
+    }
+
     fn run(script: &str, limit_s: u64, is_over: bool) -> Verdict {
         let folder = tempfile::tempdir().unwrap();
         let program = program(folder.path(), script);
@@ -147,12 +192,12 @@ mod tests {
     #[test]
     fn a_failure_ends_the_tests_and_what_does_not_end_is_ended() {
         assert_eq!(run("[ \"$*\" = '--test-threads=1 a::' ]", 600, false), Verdict::Passed);
-        assert_eq!(run("echo 'test a::b ... FAILED'; sleep 600", 600, false), Verdict::Failed);
+        assert_eq!(run("echo 'test a::b ... FAILED'; exec sleep 600", 600, false), Verdict::Failed);
         assert_eq!(run("echo 'test a::b ... ok'; exit 101", 600, false), Verdict::Failed);
         assert_eq!(run("kill -SEGV $$", 600, false), Verdict::Failed);
         assert_eq!(run("while :; do :; done", 1, false), Verdict::TimedOut);
         assert_eq!(run("kill -INT $$", 600, false), Verdict::Interrupted);
-        assert_eq!(run("sleep 600", 600, true), Verdict::Interrupted);
+        assert_eq!(run("exec sleep 600", 600, true), Verdict::Interrupted);
     }
 
     #[test]
