@@ -195,7 +195,9 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::test_support::Random;
+    use crate::model::pose::Pose;
+    use crate::model::target::{Origin, TargetGeometry};
+    use crate::test_support::{Random, bedside_lens, table};
 
     /// Vertical stripes of 24 px, blurred, with noise.
     fn stripes(blur_px: f64, dark: f64, light: f64) -> Vec<u8> {
@@ -230,5 +232,75 @@ mod tests {
         let image = GreyImage::with_white_level(&grey, 100, 64, 100, 128).unwrap();
         let expected = FrameView { level: 0.5, saturated: 0.0, blur_px: None };
         assert_eq!(frame_view(&image), expected);
+    }
+
+    /// A target of 12 mm squares, seen straight on from here.
+    fn seen_from(translation_mm: [f64; 3]) -> Nodes {
+        let origin = Origin::Center;
+        let target = TargetGeometry::checker(3, 4, 12.0, origin, Role::Upper, [0.0; 3]).unwrap();
+        let [x, y, z] = translation_mm;
+        let pose = Pose::from_theta([0.0, 0.0, 0.0, x, y, z]);
+        let mut nodes = Nodes::new();
+        assert!(nodes.project(&table(&bedside_lens()), &target, &pose));
+        nodes
+    }
+
+    /// Only the middles of the squares count, of those that are wholly in the frame: here they are white in
+    /// their upper half where the square is light, and dark in all dark ones but the first, which is white.
+    /// Everything else has a level that none of them has.
+    #[test]
+    fn a_targets_levels_are_those_of_its_squares_middles() {
+        const WHITE: u16 = 1000;
+        let (width, height) = (1456, 1088);
+        for (translation_mm, reach, inside) in [
+            // Squares of 23 px, of 70 px, and of 23 px with two columns of four outside the frame.
+            ([10.0, -5.0, 900.0], 5, 20),
+            ([10.0, -5.0, 300.0], REACH_PX_MAX, 20),
+            ([-370.0, 0.0, 900.0], 5, 10),
+        ] {
+            let nodes = seen_from(translation_mm);
+            let mut pixels = std::vec![900; width * height];
+            let (mut lights, mut darks) = (0, 0);
+            for square in nodes.squares(true) {
+                let [x, y] = <[f64; 2]>::from(square.middle_px).map(|it| it.round() as isize);
+                let is_inside = x >= reach as isize && y >= reach as isize;
+                if !is_inside {
+                    continue;
+                }
+                let (x, y) = (x as usize, y as usize);
+                darks += u32::from(square.is_dark);
+                lights += u32::from(!square.is_dark);
+                for row in y - reach..=y + reach {
+                    let level = match square.is_dark {
+                        true if darks == 1 => WHITE,
+                        true => 100,
+                        false if row <= y => WHITE,
+                        false => 500,
+                    };
+                    pixels[row * width + x - reach..][..2 * reach + 1].fill(level);
+                }
+            }
+            assert_eq!(lights + darks, inside);
+            let image = GreyImage::with_white_level(&pixels, width, height, width, WHITE).unwrap();
+            let found = squares(&image, &nodes, true).unwrap();
+            let (side, upper) = ((2 * reach + 1) as f32, (reach + 1) as f32);
+            let near = |found: f32, expected: f32| (found - expected).abs() < 1e-5;
+            assert!(near(found.saturated, upper / side), "{found:?}");
+            assert!(near(found.light, (upper + 0.5 * (side - upper)) / side), "{found:?}");
+            let darks = darks as f32;
+            assert!(near(found.dark, (1.0 + 0.1 * (darks - 1.0)) / darks), "{found:?}");
+            let pitch_px = (12.0 * 1740.0 / translation_mm[2]) as f32;
+            assert!((found.pitch_px / pitch_px - 1.0).abs() < 0.03, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_target_that_is_not_seen_has_no_levels() {
+        let pixels = [0_u8; 100 * 64];
+        let image = GreyImage::new(&pixels, 100, 64, 100).unwrap();
+        assert_eq!(squares(&image, &Nodes::new(), true), None);
+        assert_eq!(pitch_px(&Nodes::new()), None);
+        // All of it is outside so small a frame.
+        assert_eq!(squares(&image, &seen_from([10.0, -5.0, 900.0]), true), None);
     }
 }

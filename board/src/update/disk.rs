@@ -87,3 +87,36 @@ impl Disk {
         self.file.sync_all().with_context(|| format!("{} is not written", self.place))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nix::fcntl::{FcntlArg, OFlag, fcntl};
+
+    use super::*;
+
+    #[test]
+    fn what_is_written_and_read_goes_past_the_kernels_memory() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        for is_written in [false, true] {
+            let disk = Disk::open(file.path(), is_written).unwrap();
+            let flags = OFlag::from_bits_truncate(fcntl(&disk.file, FcntlArg::F_GETFL).unwrap());
+            assert!(flags.contains(OFlag::O_DIRECT), "{flags:?}");
+        }
+    }
+
+    #[test]
+    fn an_error_names_the_partition() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let (name, mut block) = (file.path().display().to_string(), Block::new());
+        let only_read = Disk::open(file.path(), false).unwrap();
+        let errors = [
+            only_read.write(0, &block, BLOCK_BYTES).unwrap_err(),
+            only_read.read(0, &mut block, BLOCK_BYTES).unwrap_err(),
+            Disk::open(Path::new("/nowhere"), true).unwrap_err(),
+        ];
+        let words = errors.map(|error| error.to_string());
+        assert_eq!(words[0], format!("{name} does not take what is written to it"));
+        assert_eq!(words[1], format!("{name} does not give back what is on it"));
+        assert_eq!(words[2], "/nowhere cannot be opened");
+    }
+}

@@ -119,8 +119,10 @@ fn send(updates: &mut Updates, sender: UpdaterId, file: &[u8]) -> (UpdateState, 
     let begun = updates.begin(sender, false);
     let empty = UpdateState::Receiving { next: 0 };
     assert!(matches!(begun, UpdateOutcome::State { state, .. } if state == empty));
+    assert!(!updates.look_after(0, false), "nothing has come of it yet");
+    let mut has_come = false;
     for _ in 0..100_000 {
-        updates.look_after(0, false);
+        has_come |= updates.look_after(0, false);
         let UpdateState::Receiving { next } = state(updates).0 else { break };
         let from = next as usize;
         for (index, bytes) in file[from..].chunks(UPDATE_PART_BYTES_MAX).take(500).enumerate() {
@@ -130,9 +132,11 @@ fn send(updates: &mut Updates, sender: UpdaterId, file: &[u8]) -> (UpdateState, 
         }
     }
     for _ in 0..10_000 {
-        updates.look_after(0, false);
-        if state(updates).0 != UpdateState::Checking {
-            return state(updates);
+        has_come |= updates.look_after(0, false);
+        let now = state(updates);
+        if now.0 != UpdateState::Checking {
+            assert!(has_come || now.0 != UpdateState::Ready);
+            return now;
         }
         sleep(Duration::from_millis(1));
     }
@@ -161,9 +165,11 @@ fn an_update_is_sent_tried_and_stays() {
         new.begin(host, false),
         UpdateOutcome::Refused { refusal: UpdateRefusal::Busy, .. }
     ));
-    new.look_after(29, true);
+    assert!(new.is_unproven() && !old.is_unproven());
+    assert!(!new.look_after(29, true));
     assert_eq!(state(&new).0, UpdateState::OnTrial);
-    new.look_after(30, false);
+    assert!(new.look_after(30, false));
+    assert!(!new.is_unproven());
     let installed = (UpdateState::Installed, "version 0.2.0 (0123456789ab)".to_owned());
     assert_eq!((state(&new), new.leave()), (installed.clone(), None));
     assert_eq!(fs::read(bench.path("chooser")).unwrap(), chooser::sector(Slot::B));
@@ -232,6 +238,27 @@ fn slot_of_card() -> std::vec::Vec<u8> {
     let mut slot = slot();
     slot.resize(2 * SLOT, b'b');
     slot
+}
+
+#[test]
+fn a_note_means_what_the_start_after_it_makes_of_it() {
+    let given_up = || {
+        let why = "it never came to say that it works: it did not start, hung, or lost its power";
+        Fate::Failed(why.into())
+    };
+    let failed = || Fate::Failed("the camera is broken".into());
+    for (kept, running, is_on_trial, means) in [
+        (Fate::Trying, Slot::B, true, Fate::Trying),
+        (Fate::Trying, Slot::B, false, Fate::Installed),
+        (Fate::Trying, Slot::A, false, given_up()),
+        (Fate::Installed, Slot::B, false, Fate::Installed),
+        (Fate::Installed, Slot::A, true, Fate::Installed),
+        (failed(), Slot::A, false, failed()),
+    ] {
+        let note = Note { update: Update::of(&header(), Slot::B), fate: kept };
+        let expected = Note { fate: means, ..note.clone() };
+        assert_eq!(settled(note, running, is_on_trial), expected, "{running} {is_on_trial}");
+    }
 }
 
 #[test]
@@ -332,6 +359,10 @@ fn keys_are_whole_and_there_is_one() {
     fs::write(file.path(), [7; 33]).unwrap();
     assert!(words(file.path()).contains("has no keys"));
     assert!(words(Path::new("/nowhere")).contains("--update-key"));
+    // A file that is there and cannot be read is no image without a key.
+    let folder = tempfile::tempdir().unwrap();
+    let said = words(folder.path());
+    assert!(said.starts_with(&folder.path().display().to_string()), "{said}");
     fs::write(file.path(), key(1).verifying_key().to_bytes()).unwrap();
     assert_eq!(keys(file.path()).unwrap(), [key(1).verifying_key()]);
 }

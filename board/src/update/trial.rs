@@ -91,16 +91,37 @@ mod tests {
         let late = now + LIMIT;
         for (has_key, frames, is_heard, in_time, too_late, missing) in [
             (true, FRAMES, true, Verdict::Passed, Verdict::Passed, ""),
-            (true, FRAMES - 1, true, Verdict::Open, Verdict::Failed, "29 of 30 frames"),
+            (
+                true,
+                FRAMES - 1,
+                true,
+                Verdict::Open,
+                Verdict::Failed,
+                "the camera has given 29 of 30 frames",
+            ),
             (true, FRAMES, false, Verdict::Open, Verdict::Failed, "no host has reached the box"),
-            (false, FRAMES, true, Verdict::Failed, Verdict::Failed, "key could not be read"),
+            (
+                false,
+                FRAMES,
+                true,
+                Verdict::Failed,
+                Verdict::Failed,
+                "the box's key could not be read",
+            ),
         ] {
             let mut trial = Trial::begin(has_key, now);
             trial.see(frames, is_heard);
             assert_eq!(trial.verdict(now), in_time, "{trial:?}");
             assert_eq!(trial.verdict(late), too_late, "{trial:?}");
-            assert!(trial.to_string().contains(missing), "{trial}");
+            assert_eq!(trial.to_string(), missing);
         }
+    }
+
+    #[test]
+    fn everything_that_is_missing_is_named() {
+        let missing = "the box's key could not be read, the camera has given 0 of 30 frames, no host \
+                       has reached the box";
+        assert_eq!(Trial::begin(false, Instant::now()).to_string(), missing);
     }
 
     #[test]

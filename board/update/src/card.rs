@@ -132,4 +132,13 @@ mod tests {
         assert_eq!(Slot::of_partition(3), Some(Slot::B));
         assert_eq!([0, 1, 4, 5].map(Slot::of_partition), [None; 4]);
     }
+
+    /// Boxes in the field have such cards, and an update must find its place on them.
+    #[test]
+    fn the_layout_of_a_card_stays_as_it_is() {
+        let mebibytes = PARTITIONS.map(|it| (it.start_bytes >> 20, it.bytes >> 20));
+        assert_eq!(mebibytes, [(4, 40), (44, 96), (140, 96), (236, 40)]);
+        assert_eq!(Slot::ALL.map(|slot| slot.to_string()), ["slot A", "slot B"]);
+        assert_eq!(Slot::ALL.map(Slot::other), [Slot::B, Slot::A]);
+    }
 }

@@ -72,6 +72,9 @@ mod tests {
         let by_file = b"boot_partition=2\n[tryboot]\nboot_partition=3\n";
         assert_eq!((partition(by_file, false), partition(by_file, true)), (Some(2), None));
         assert_eq!(partition(b"[none]\nboot_partition=2\n", false), None);
+        // A section ends where the next one begins.
+        let again = b"[none]\nboot_partition=2\n[all]\nboot_partition=3\n";
+        assert_eq!(partition(again, false), Some(3));
         let mut beyond = [b'\n'; SECTOR_BYTES + 20];
         beyond[SECTOR_BYTES..][..16].copy_from_slice(b"boot_partition=2");
         assert_eq!(partition(&beyond, false), None);

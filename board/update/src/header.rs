@@ -299,6 +299,55 @@ mod tests {
         assert_eq!(Header::read(&bytes), Ok(made));
     }
 
+    /// Boxes in the field read what was made for them years before or after, at these places.
+    #[test]
+    fn a_heads_fields_stay_where_they_are() {
+        let made = header(&key(1));
+        let bytes = signed(&made, &key(1));
+        assert_eq!(bytes.len(), 168);
+        assert_eq!(bytes[..8], *b"PLUPDAT1");
+        assert_eq!(bytes[8..24], *b"rpi4\0\0\0\0\0\0\0\0\0\0\0\0");
+        assert_eq!(bytes[24..36], [0, 0, 2, 0, 0, 0, 0, 0, 1, 0, 0, 0]);
+        assert_eq!(bytes[36..60], *b"0123456789ab\0\0\0\0\0\0\0\0\0\0\0\0");
+        assert_eq!(bytes[60..64], [0, 2, 0, 0]);
+        assert_eq!(bytes[64..96], slot_hash(&[1; 512]));
+        let key_hash = Sha256::digest(key(1).verifying_key().as_bytes());
+        assert_eq!(bytes[96..104], key_hash[..8]);
+        let signature = Signature::from_slice(&bytes[104..]).unwrap();
+        key(1).verifying_key().verify_strict(&bytes[..104], &signature).unwrap();
+    }
+
+    /// FIPS 180-4, the example of one block.
+    #[test]
+    fn the_hash_of_a_slot_is_its_sha_256() {
+        let hash = slot_hash(b"abc");
+        let digits: String = hash.iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(digits, "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+    }
+
+    #[test]
+    fn what_people_read_of_a_head_is_what_it_has() {
+        let made = header(&key(1));
+        assert_eq!(format!("{:?} {:?}", made.board, made.commit), "\"rpi4\" \"0123456789ab\"");
+        let key_hash = Sha256::digest(key(1).verifying_key().as_bytes());
+        let digits: String = key_hash[..8].iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(made.key.to_string(), digits);
+        let unknown = Fault::UnknownKey(made.key).to_string();
+        assert!(unknown.contains(&digits), "{unknown}");
+    }
+
+    /// The largest slot, and one from which no box goes back at all.
+    #[test]
+    fn fields_at_their_limits_are_sound() {
+        let (sound, signer) = (header(&key(1)), key(1));
+        for made in [
+            Header { slot_bytes: SLOT_BYTES as u32, ..sound },
+            Header { oldest_allowed: sound.version, ..sound },
+        ] {
+            assert_eq!(Header::read(&signed(&made, &signer)), Ok(made));
+        }
+    }
+
     #[test]
     fn no_bit_of_a_head_can_be_changed() {
         let (made, keys) = (header(&key(1)), [key(1).verifying_key()]);

@@ -102,6 +102,14 @@ mod tests {
     }
 
     #[test]
+    fn the_compiler_reads_versions_as_programs_do() {
+        for text in ["0.1.0", "1.20.345", "65535.10.9"] {
+            assert_eq!(Version::of_text(text), text.parse().unwrap());
+        }
+        assert!(NoVersion.to_string().contains("such as 1.2.3"));
+    }
+
+    #[test]
     fn this_program_may_run_by_its_own_rule() {
         assert_eq!(CURRENT.to_string(), env!("CARGO_PKG_VERSION"));
         assert!(CURRENT >= OLDEST_ALLOWED);

@@ -71,11 +71,11 @@ pub fn used(file_system: &[u8]) -> Option<&[u8]> {
 mod tests {
     use super::*;
 
-    /// A file system of 64 clusters of two sectors.
+    /// A file system of 64 clusters of two sectors, with two tables of two sectors.
     fn file_system() -> Vec<u8> {
-        let mut system = vec![0; (32 + 2 + 64 * 2) * SECTOR_BYTES];
+        let mut system = vec![0; (32 + 4 + 64 * 2) * SECTOR_BYTES];
         system[11..17].copy_from_slice(&[0, 2, 2, 32, 0, 2]);
-        system[36] = 1;
+        system[36] = 2;
         system[510..512].copy_from_slice(&[0x55, 0xaa]);
         system
     }
@@ -88,13 +88,16 @@ mod tests {
             system[entry(cluster)..][..4].copy_from_slice(&[0xff, 0xff, 0xff, 0x0f]);
         }
         // Clusters 2 to 9 are eight.
-        assert_eq!(used(&system).unwrap().len(), (34 + 8 * 2) * SECTOR_BYTES);
+        assert_eq!(used(&system).unwrap().len(), (36 + 8 * 2) * SECTOR_BYTES);
         system[entry(60) + 3] = 0xf0;
-        assert_eq!(used(&system).unwrap().len(), (34 + 8 * 2) * SECTOR_BYTES);
+        assert_eq!(used(&system).unwrap().len(), (36 + 8 * 2) * SECTOR_BYTES);
         system[entry(65)] = 1;
         assert_eq!(used(&system).unwrap().len(), system.len());
-        // A table that says more than there is.
+        // A table that says more than there is, in its first sector and in its second.
         system[entry(66)] = 1;
+        assert_eq!(used(&system), None);
+        system[entry(66)] = 0;
+        system[entry(200)] = 1;
         assert_eq!(used(&system), None);
     }
 
@@ -102,9 +105,16 @@ mod tests {
     fn what_is_no_fat32_is_none() {
         assert_eq!(used(&[]), None);
         assert_eq!(used(&[0; 4096]), None);
-        let mut system = file_system();
-        system[22] = 1;
-        assert_eq!(used(&system), None);
+        let mut sound = file_system();
+        sound[32 * SECTOR_BYTES] = 0xff;
+        sound[32 * SECTOR_BYTES + 4] = 0xff;
+        assert!(used(&sound).is_some());
+        // Tables of the older kinds of FAT, sectors of another size, clusters of none, no signature.
+        for (at, value) in [(22, 1), (23, 1), (12, 4), (13, 0), (510, 0), (511, 0)] {
+            let mut system = sound.clone();
+            system[at] = value;
+            assert_eq!(used(&system), None, "byte {at}");
+        }
     }
 
     /// RFC 8410, section 10.3 and 10.1.

@@ -58,6 +58,7 @@ pub const LOCKED: &str = "--locked";
 pub struct Task {
     command: Command,
     line: String,
+    is_quiet: bool,
 }
 
 impl Task {
@@ -72,7 +73,7 @@ impl Task {
         if let Ok(path) = env::join_paths(places) {
             command.env("PATH", path);
         }
-        Self { command, line: quoted(program.as_ref()) }
+        Self { command, line: quoted(program.as_ref()), is_quiet: false }
     }
 
     /// The cargo that runs this program, as if it were started by hand: without what it has said of this
@@ -120,6 +121,12 @@ impl Task {
     pub fn current_dir(mut self, directory: &Path) -> Self {
         self.command.current_dir(directory);
         self.line = format!("cd {} && {}", quoted(directory.as_os_str()), self.line);
+        self
+    }
+
+    /// Does not print the line: one of thousands.
+    pub fn quiet(mut self) -> Self {
+        self.is_quiet = true;
         self
     }
 
@@ -259,8 +266,10 @@ impl Task {
     }
 
     fn announce(&self) {
-        println!("$ {}", self.line);
-        let _ = io::stdout().flush();
+        if !self.is_quiet {
+            println!("$ {}", self.line);
+            let _ = io::stdout().flush();
+        }
     }
 
     fn judge(&self, status: io::Result<ExitStatus>) -> Result<()> {

@@ -53,6 +53,8 @@ enum What {
     /// A million frames, what goes wrong meanwhile, and power cuts while a box is updated: `cargo xtask
     /// test endurance`.
     Endurance,
+    /// The sources, changed a little in thousands of ways, against the tests: `cargo xtask mutants`.
+    Mutants,
 }
 
 /// Which targets are tried, and for how long.
@@ -73,8 +75,9 @@ struct Fuzz {
 const MINUTES: u32 = 60;
 
 impl What {
-    fn everything() -> [Self; 2] {
-        [Self::Fuzz(Fuzz { targets: Vec::new(), minutes: MINUTES, jobs: 1 }), Self::Endurance]
+    fn everything() -> [Self; 3] {
+        let fuzz = Fuzz { targets: Vec::new(), minutes: MINUTES, jobs: 1 };
+        [Self::Fuzz(fuzz), Self::Endurance, Self::Mutants]
     }
 
     /// The name of its part of the page.
@@ -82,6 +85,7 @@ impl What {
         match self {
             Self::Fuzz(_) => "fuzz",
             Self::Endurance => "endurance",
+            Self::Mutants => "mutants",
         }
     }
 
@@ -95,6 +99,7 @@ impl What {
                 [&[word("fuzz")], &targets[..], &bounds, &jobs].concat()
             }
             Self::Endurance => vec![word("test"), word("endurance")],
+            Self::Mutants => vec![word("mutants")],
         }
     }
 
@@ -102,7 +107,7 @@ impl What {
     fn is_whole(&self) -> bool {
         match self {
             Self::Fuzz(fuzz) => fuzz.targets.is_empty(),
-            Self::Endurance => true,
+            Self::Endurance | Self::Mutants => true,
         }
     }
 
@@ -111,7 +116,7 @@ impl What {
         match self {
             // Its rows say how many failures were found; without one nothing was tried.
             Self::Fuzz(_) => None,
-            Self::Endurance => Some(Row::new(
+            Self::Endurance | Self::Mutants => Some(Row::new(
                 &format!("cargo xtask {}", self.words().join(" ")),
                 "",
                 &format!("**failed**: {error}"),
@@ -291,7 +296,7 @@ mod tests {
             let what = line.arguments.what.map_or(What::everything().to_vec(), |it| vec![it]);
             what.iter().map(|what| what.words().join(" ")).collect()
         };
-        assert_eq!(words("evidence"), ["fuzz --minutes 60 --jobs 1", "test endurance"]);
+        assert_eq!(words("evidence"), ["fuzz --minutes 60 --jobs 1", "test endurance", "mutants"]);
         assert_eq!(
             words("evidence fuzz packets link --minutes 5 --jobs 2"),
             ["fuzz packets link --minutes 5 --jobs 2"]
@@ -301,8 +306,8 @@ mod tests {
 
     #[test]
     fn only_what_tries_everything_again_removes_rows_of_other_things() {
-        let [all, endurance] = What::everything();
-        assert!(all.is_whole() && endurance.is_whole());
+        let [all, endurance, mutants] = What::everything();
+        assert!(all.is_whole() && endurance.is_whole() && mutants.is_whole());
         let some = Fuzz { targets: vec!["link".to_owned()], minutes: 1, jobs: 1 };
         assert!(!What::Fuzz(some).is_whole());
     }

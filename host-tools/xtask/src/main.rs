@@ -10,6 +10,7 @@
 //! | `bench` | measures the figures that README.md quotes |
 //! | `evidence` | runs what is tried long and often, and writes `tests/evidence.md` |
 //! | `fuzz` | tries what must hold for any bytes from outside, with inputs that are made up |
+//! | `mutants` | changes the sources a little, and sees whether a test notices |
 //!
 //! Exit codes: 0 done, 1 something failed, 2 the input cannot be used, or the machine lacks
 //! something that could not be installed (the message contains the remedy, or the line to run).
@@ -33,6 +34,7 @@ mod fuzz;
 mod generated;
 mod image;
 mod instructions;
+mod mutants;
 mod python;
 mod setup;
 mod stack;
@@ -81,6 +83,9 @@ enum Task {
     /// Try what must hold for any bytes from outside, with inputs that libFuzzer
     /// makes up. Ctrl-C ends it; what was counted and found until then is told.
     Fuzz(fuzz::Arguments),
+    /// Change the sources a little, thousands of times, and see whether a test notices. Ctrl-C ends it; the
+    /// next run goes on.
+    Mutants(mutants::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -93,6 +98,7 @@ fn main() -> ExitCode {
         Task::Bench(arguments) => bench::run(&arguments),
         Task::Evidence(arguments) => evidence::run(&arguments),
         Task::Fuzz(arguments) => fuzz::run(&arguments),
+        Task::Mutants(arguments) => mutants::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -205,8 +205,13 @@ impl CargoTool {
     /// Builds it beside the system, if it is not there in this version. Every [`Task`] finds it there.
     pub fn ensure(&self) -> Result<()> {
         let program = unpacked_programs().join(self.name);
-        let said = Task::new(&program).args(["--version"]).output().unwrap_or_default();
-        if said.split_whitespace().any(|word| word == self.version) {
+        // Some want to be called as cargo calls them: `cargo-mutants mutants --version`.
+        let word = self.name.trim_start_matches("cargo-");
+        let is_it = |arguments: &[&str]| {
+            let said = Task::new(&program).args(arguments).output().unwrap_or_default();
+            said.split_whitespace().any(|word| word == self.version)
+        };
+        if is_it(&["--version"]) || is_it(&[word, "--version"]) {
             return Ok(());
         }
         println!("This machine lacks:\n  {:<26} {}", self.name, self.why);

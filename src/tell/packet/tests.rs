@@ -1,6 +1,7 @@
 extern crate std;
 
 use std::format;
+use std::string::ToString as _;
 use std::vec::Vec as StdVec;
 
 use heapless::{String, Vec};
@@ -514,6 +515,31 @@ fn numbers_that_no_room_holds_do_not_arrive() {
         view.targets[0].pitch_px = f32::NAN;
     }
     assert_eq!(outcome(&view.expect("there is one of each kind")), Err(PacketError::Number));
+    for message in longest_messages() {
+        let Message::View(view) = message else { continue };
+        let mut frame = view.clone();
+        frame.frame.blur_px = Some(f32::NAN);
+        assert_eq!(outcome(&Message::View(frame)), Err(PacketError::Number));
+    }
+    let action = Action::Expose { exposure_us: None, gain: Some(f32::INFINITY) };
+    let command = Message::Command(Command { id: 1, action, is_forced: false });
+    assert_eq!(outcome(&command), Err(PacketError::Number));
+}
+
+#[test]
+fn what_people_read_of_a_fault_says_which_it_is() {
+    let other = PacketError::OtherVersion { version: 99 }.to_string();
+    assert!(other.contains("99") && other.contains(&PROTOCOL_VERSION.to_string()), "{other}");
+    let other = PacketError::OtherSchema { hash: 0xab }.to_string();
+    assert!(other.contains("000000ab") && other.contains(&format!("{SCHEMA_HASH:08x}")), "{other}");
+    assert!(PacketError::Oversize.to_string().contains(&FRAME_BYTES_MAX.to_string()));
+    assert_eq!(EncodeError.to_string(), "the message does not fit the buffer");
+}
+
+#[test]
+fn a_target_was_exposed_later_than_its_frame_began() {
+    assert_eq!(POSE.own_time_ns(1_000_000_000), 1_007_654_321);
+    assert_eq!(POSE.own_time_ns(u64::MAX), u64::MAX);
 }
 
 #[test]

@@ -1,0 +1,460 @@
+//! Tries mutants, as many together as can be compiled together.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+
+use anyhow::{Context, Result, bail, ensure};
+
+use super::arms::{self, Choice};
+use super::build::{Built, CompilerError, build};
+use super::ledger::{Ledger, Outcome};
+use super::list::Mutant;
+use super::tree::Tree;
+use super::trial::{Tests, Verdict};
+use super::{Area, Package, Suite};
+use crate::command::root;
+
+/// The lines of functions that are compiled together: as many as the compiler takes a minute for.
+const LINES_MAX: usize = 12_000;
+
+/// Where mutants are tried.
+pub struct Workshop<'a> {
+    pub tree: &'a Tree,
+    /// Set by Ctrl-C.
+    pub is_over: &'a AtomicBool,
+    pub jobs: u32,
+}
+
+/// Mutants that are compiled together, and their numbers: their places here, from 1.
+struct Batch<'a> {
+    package: &'a Package,
+    mutants: Vec<&'a Mutant>,
+}
+
+/// A batch whose tests can be run.
+struct Compiled {
+    program: PathBuf,
+    /// The numbers of those that do not compile.
+    unviable: BTreeSet<u32>,
+    /// The numbers of those that do not compile with others.
+    alone: BTreeSet<u32>,
+}
+
+impl Workshop<'_> {
+    /// Tries them, and writes down each outcome.
+    pub fn try_all(
+        &self,
+        area: &Area,
+        mutants: &[&Mutant],
+        progress: &mut Progress<'_>,
+    ) -> Result<()> {
+        let mut alone = Vec::new();
+        for package in area.packages {
+            let mut together = Vec::new();
+            for mutant in mutants.iter().copied().filter(|it| it.package == package.name) {
+                if arms::is_chosen_at_start(&source(&mutant.file)?, mutant) {
+                    together.push(mutant);
+                } else {
+                    alone.push((package, mutant));
+                }
+            }
+            for batch in batches(package, together) {
+                let rest = self.try_together(&batch, progress)?;
+                alone.extend(rest.into_iter().map(|mutant| (package, mutant)));
+                if self.is_over() {
+                    return Ok(());
+                }
+            }
+        }
+        for (package, mutant) in alone {
+            self.try_alone(&Batch { package, mutants: vec![mutant] }, progress)?;
+            if self.is_over() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    fn is_over(&self) -> bool {
+        self.is_over.load(Ordering::Relaxed)
+    }
+
+    /// Tries a batch whose mutants are chosen when the tests start. Returns those that have to be compiled
+    /// alone.
+    fn try_together<'b>(
+        &self,
+        batch: &Batch<'b>,
+        progress: &mut Progress<'_>,
+    ) -> Result<Vec<&'b Mutant>> {
+        let (first, last) = (batch.mutants[0], batch.mutants[batch.mutants.len() - 1]);
+        println!("compiling {} mutants, {} to {}", batch.mutants.len(), first.file, last.file);
+        let Some(compiled) = self.compile(batch)? else { return Ok(Vec::new()) };
+        let mut numbers = Vec::new();
+        for (number, mutant) in batch.numbered() {
+            if compiled.unviable.contains(&number) {
+                progress.add(mutant, Outcome::Unviable)?;
+            } else if !compiled.alone.contains(&number) {
+                numbers.push(number);
+            }
+        }
+        self.try_program(batch, &compiled.program, numbers, Limit::Measured, progress)?;
+        self.restore(batch)?;
+        Ok(compiled.alone.iter().map(|number| batch.mutant(*number)).collect())
+    }
+
+    /// Tries the one mutant of a batch in its place.
+    fn try_alone(&self, batch: &Batch<'_>, progress: &mut Progress<'_>) -> Result<()> {
+        let mutant = batch.mutants[0];
+        let text = arms::with_one(&source(&mutant.file)?, mutant)?;
+        self.tree.write(&mutant.file, text.as_bytes())?;
+        match build(self.tree, &batch.package.own_suite())? {
+            Built::Program(program) => {
+                self.try_program(batch, &program, vec![1], Limit::Fixed, progress)?;
+            }
+            Built::Errors(_) if self.is_over() => {}
+            Built::Errors(_) => progress.add(mutant, Outcome::Unviable)?,
+        }
+        self.restore(batch)
+    }
+
+    /// Compiles a batch, leaving out what the compiler does not accept. `None` when the run was ended.
+    fn compile(&self, batch: &Batch<'_>) -> Result<Option<Compiled>> {
+        let (mut unviable, mut alone) = (BTreeSet::new(), BTreeSet::new());
+        loop {
+            let is_left = |number: &u32| !unviable.contains(number) && !alone.contains(number);
+            let choices = self.write(batch, is_left)?;
+            let errors = match build(self.tree, &batch.package.own_suite())? {
+                Built::Program(program) => return Ok(Some(Compiled { program, unviable, alone })),
+                Built::Errors(_) if self.is_over() => return Ok(None),
+                Built::Errors(errors) => errors,
+            };
+            let before = unviable.len() + alone.len();
+            for error in &errors {
+                match blamed(error, &choices) {
+                    Some(Blamed::Mutant(number)) => {
+                        unviable.insert(number);
+                    }
+                    Some(Blamed::Function(numbers)) => alone.extend(numbers),
+                    None => {}
+                }
+            }
+            let is_better = unviable.len() + alone.len() > before;
+            let CompilerError { text, places } = &errors[0];
+            let name = batch.package.name;
+            ensure!(is_better, "{name} cannot be compiled with mutants: {text} ({places:?})");
+        }
+    }
+
+    /// Writes the files of a batch with the mutants that are left.
+    fn write(
+        &self,
+        batch: &Batch<'_>,
+        is_left: impl Fn(&u32) -> bool,
+    ) -> Result<BTreeMap<String, Vec<Choice>>> {
+        let crate_root = batch.package.crate_root();
+        let mut files = BTreeMap::from([(crate_root.clone(), Vec::new())]);
+        for (number, mutant) in batch.numbered() {
+            let members = files.entry(mutant.file.clone()).or_default();
+            if is_left(&number) {
+                members.push((number, mutant));
+            }
+        }
+        let mut choices = BTreeMap::new();
+        for (file, members) in files {
+            let (mut text, of_file) = arms::with_all(&source(&file)?, &members)?;
+            if file == crate_root {
+                text += arms::CHOICE;
+            }
+            self.tree.write(&file, text.as_bytes())?;
+            choices.insert(file, of_file);
+        }
+        Ok(choices)
+    }
+
+    /// Brings the files of a batch back to what they were.
+    fn restore(&self, batch: &Batch<'_>) -> Result<()> {
+        let crate_root = batch.package.crate_root();
+        let files: BTreeSet<&str> = batch.mutants.iter().map(|it| it.file.as_str()).collect();
+        for file in files.into_iter().chain([crate_root.as_str()]) {
+            self.tree.write(file, source(file)?.as_bytes())?;
+        }
+        Ok(())
+    }
+
+    /// Runs tests with each of these mutants: first those of the mutant's own part of the crate, then all of
+    /// the crate, then those beyond it.
+    fn try_program(
+        &self,
+        batch: &Batch<'_>,
+        program: &Path,
+        numbers: Vec<u32>,
+        limit: Limit,
+        progress: &mut Progress<'_>,
+    ) -> Result<()> {
+        let stage = Stage { program, suite: &batch.package.own_suite(), limit };
+        let left = self.survivors(batch, &stage, part, numbers, progress)?;
+        let mut left = self.survivors(batch, &stage, |_| String::new(), left, progress)?;
+        for suite in batch.package.beyond {
+            if left.is_empty() || self.is_over() {
+                break;
+            }
+            println!("{} left for the tests of {}", left.len(), suite.package);
+            let program = match build(self.tree, suite)? {
+                Built::Program(program) => program,
+                Built::Errors(_) if self.is_over() => break,
+                Built::Errors(errors) => bail!("{}: {}", suite.package, errors[0].text),
+            };
+            let stage = Stage { program: &program, suite, limit };
+            left = self.survivors(batch, &stage, |_| String::new(), left, progress)?;
+        }
+        if !self.is_over() {
+            for number in left {
+                progress.add(batch.mutant(number), Outcome::Survived)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Runs the tests that `filter` chooses with each of these mutants. Returns those for which all passed;
+    /// what became of the others is written down.
+    fn survivors(
+        &self,
+        batch: &Batch<'_>,
+        stage: &Stage<'_>,
+        filter: impl Fn(&Mutant) -> String,
+        numbers: Vec<u32>,
+        progress: &mut Progress<'_>,
+    ) -> Result<Vec<u32>> {
+        let directory = self.tree.place().join(stage.suite.directory);
+        let mut measured = BTreeMap::new();
+        let mut queue = Vec::new();
+        for number in numbers {
+            let filter = filter(batch.mutant(number));
+            if !measured.contains_key(&filter) {
+                let tests = Tests::new(stage.program, &directory, &filter);
+                let tests = match stage.limit {
+                    Limit::Measured => tests.measured(self.is_over)?,
+                    Limit::Fixed => tests,
+                };
+                measured.insert(filter.clone(), tests);
+            }
+            queue.push((number, filter));
+        }
+        let queue = Mutex::new(queue.into_iter());
+        let next = || queue.lock().expect("nobody panics with it").next();
+        let shared = Mutex::new((Vec::new(), progress, Ok(())));
+        thread::scope(|scope| {
+            for _ in 0..self.jobs {
+                scope.spawn(|| {
+                    while !self.is_over()
+                        && let Some((number, filter)) = next()
+                    {
+                        let verdict = measured[&filter].run(number, self.is_over);
+                        let mut shared = shared.lock().expect("nobody panics with it");
+                        let (left, progress, failure) = &mut *shared;
+                        let written = verdict.and_then(|verdict| match verdict {
+                            Verdict::Passed => {
+                                left.push(number);
+                                Ok(())
+                            }
+                            Verdict::Failed => progress.add(batch.mutant(number), Outcome::Caught),
+                            Verdict::TimedOut => {
+                                progress.add(batch.mutant(number), Outcome::TimedOut)
+                            }
+                            Verdict::Interrupted => Ok(()),
+                        });
+                        if written.is_err() {
+                            *failure = written;
+                            break;
+                        }
+                    }
+                });
+            }
+        });
+        let (left, _, failure) = shared.into_inner().expect("nobody panicked with it");
+        failure.map(|()| left)
+    }
+}
+
+/// Tests that are run with mutants.
+struct Stage<'a> {
+    program: &'a Path,
+    suite: &'a Suite,
+    limit: Limit,
+}
+
+/// The time that tests have.
+#[derive(Clone, Copy)]
+enum Limit {
+    /// Several times what they take without a mutant.
+    Measured,
+    /// The program has its mutant in place, and cannot be run without it.
+    Fixed,
+}
+
+/// Where outcomes are written down, and how far the run is.
+pub struct Progress<'a> {
+    ledger: &'a mut Ledger,
+    done: usize,
+    of: usize,
+}
+
+impl<'a> Progress<'a> {
+    /// So many mutants will be tried.
+    pub fn new(ledger: &'a mut Ledger, of: usize) -> Self {
+        Self { ledger, done: 0, of }
+    }
+
+    /// How many were tried.
+    pub fn done(&self) -> usize {
+        self.done
+    }
+
+    fn add(&mut self, mutant: &Mutant, outcome: Outcome) -> Result<()> {
+        self.ledger.add(mutant, outcome)?;
+        self.done += 1;
+        if outcome == Outcome::Survived {
+            println!("survived: {}", mutant.name);
+        } else if self.done.is_multiple_of(50) || self.done == self.of {
+            println!("{} of {} tried", self.done, self.of);
+        }
+        Ok(())
+    }
+}
+
+impl Package {
+    /// The tests beside its code.
+    fn own_suite(&self) -> Suite {
+        Suite { package: self.name, directory: self.directory, target: &["--lib"] }
+    }
+
+    /// The file of its crate's root.
+    fn crate_root(&self) -> String {
+        format!("{}src/lib.rs", self.directory)
+    }
+}
+
+impl<'a> Batch<'a> {
+    fn mutant(&self, number: u32) -> &'a Mutant {
+        self.mutants[number as usize - 1]
+    }
+
+    fn numbered(&self) -> impl Iterator<Item = (u32, &'a Mutant)> {
+        (1..).zip(self.mutants.iter().copied())
+    }
+}
+
+/// Parts mutants into batches, in their order.
+fn batches<'a>(package: &'a Package, mutants: Vec<&'a Mutant>) -> Vec<Batch<'a>> {
+    let (mut batches, mut lines): (Vec<Batch<'_>>, usize) = (Vec::new(), 0);
+    for mutant in mutants {
+        let span = mutant.function.as_ref().map_or(mutant.span, |it| it.span);
+        let own = span.end.line - span.start.line + 1;
+        lines += own;
+        match batches.last_mut().filter(|_| lines <= LINES_MAX) {
+            Some(batch) => batch.mutants.push(mutant),
+            None => {
+                lines = own;
+                batches.push(Batch { package, mutants: vec![mutant] });
+            }
+        }
+    }
+    batches
+}
+
+/// What makes the compiler refuse.
+#[derive(Debug, PartialEq, Eq)]
+enum Blamed {
+    /// The mutant of this number.
+    Mutant(u32),
+    /// A function: that it has all these mutants.
+    Function(Vec<u32>),
+}
+
+/// Whom an error is laid to: the first place of it that is in an arm, or else in a function with arms.
+fn blamed(error: &CompilerError, choices: &BTreeMap<String, Vec<Choice>>) -> Option<Blamed> {
+    let functions = error.places.iter().filter_map(|(file, line)| {
+        let choice = choices.get(file)?.iter().find(|choice| choice.lines.contains(line))?;
+        Some((choice, line))
+    });
+    let mutant = functions.clone().find_map(|(choice, line)| {
+        let (number, _) = choice.arms.iter().find(|(_, lines)| lines.contains(line))?;
+        Some(Blamed::Mutant(*number))
+    });
+    let function = |(choice, _): (&Choice, &usize)| {
+        Blamed::Function(choice.arms.iter().map(|(number, _)| *number).collect())
+    };
+    mutant.or_else(|| functions.map(function).next())
+}
+
+/// The part of the crate that a mutant is in, as the names of its tests begin: `tell::seal::` for
+/// `src/tell/seal/window.rs`, `pipeline::` for `src/pipeline.rs`.
+fn part(mutant: &Mutant) -> String {
+    let path = mutant.file.rsplit_once("src/").map_or("", |(_, path)| path);
+    let path = path.trim_end_matches(".rs");
+    let names = path.rsplit_once('/').map_or(path, |(directory, _)| directory);
+    if names == "lib" { String::new() } else { names.replace('/', "::") + "::" }
+}
+
+/// The text of a file as it is checked out.
+fn source(file: &str) -> Result<String> {
+    fs::read_to_string(root().join(file)).with_context(|| file.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::list::{Function, Place, Span};
+    use super::*;
+
+    fn mutant(file: &str, lines: usize) -> Mutant {
+        let [start, end] = [1, lines].map(|line| Place { line, column: 1 });
+        let span = Span { start, end };
+        Mutant {
+            name: String::new(),
+            package: String::new(),
+            file: file.to_owned(),
+            function: Some(Function { return_type: String::new(), span }),
+            replacement: String::new(),
+            span,
+        }
+    }
+
+    #[test]
+    fn a_batch_is_not_longer_than_the_compiler_can_bear() {
+        let mutants = [9000, 3000, 1, 20_000, 5].map(|lines| mutant("a.rs", lines));
+        let sizes: Vec<usize> = batches(&super::super::CORE, mutants.iter().collect())
+            .iter()
+            .map(|batch| batch.mutants.len())
+            .collect();
+        assert_eq!(sizes, [2, 1, 1, 1]);
+    }
+
+    #[test]
+    fn an_error_is_laid_to_the_mutant_or_else_to_its_function() {
+        let choices = vec![Choice { lines: 10..30, arms: vec![(1, 10..15), (2, 15..20)] }];
+        let choices = BTreeMap::from([("a.rs".to_owned(), choices)]);
+        let of = |places: &[(&str, usize)]| {
+            let places = places.iter().map(|(file, line)| ((*file).to_owned(), *line)).collect();
+            blamed(&CompilerError { text: String::new(), places }, &choices)
+        };
+        assert_eq!(of(&[("a.rs", 14)]), Some(Blamed::Mutant(1)));
+        assert_eq!(of(&[("b.rs", 14), ("a.rs", 25), ("a.rs", 15)]), Some(Blamed::Mutant(2)));
+        assert_eq!(of(&[("b.rs", 1), ("a.rs", 29)]), Some(Blamed::Function(vec![1, 2])));
+        assert_eq!(of(&[("a.rs", 30), ("b.rs", 14)]), None);
+    }
+
+    #[test]
+    fn the_part_of_a_mutant_is_its_files_directory() {
+        let part = |file: &str| part(&mutant(file, 1));
+        assert_eq!(part("src/tell/seal/window.rs"), "tell::seal::");
+        assert_eq!(part("src/tell/packet/mod.rs"), "tell::packet::");
+        assert_eq!(part("src/pipeline.rs"), "pipeline::");
+        assert_eq!(part("board/src/update/slots.rs"), "update::");
+        assert_eq!(part("board/update/src/card.rs"), "card::");
+        assert_eq!(part("src/lib.rs"), "");
+    }
+}

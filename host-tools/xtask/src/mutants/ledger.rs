@@ -1,0 +1,124 @@
+//! What has been tried: a file to which each outcome is appended as it is known, so that nothing is lost
+//! when a run is ended.
+//!
+//! An outcome counts as long as the mutant's file is the same, tests beside the code included. A survivor
+//! does not count: it is tried again in each run, since a test elsewhere may have come that tells.
+
+use std::collections::BTreeMap;
+use std::fs::{self, OpenOptions};
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use clap::ValueEnum;
+
+use super::list::Mutant;
+use crate::command::root;
+use crate::sums;
+
+/// What became of a mutant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Outcome {
+    /// A test failed.
+    Caught,
+    /// It does not compile.
+    Unviable,
+    /// The tests did not end within several times the time that they take.
+    TimedOut,
+    /// All tests passed.
+    Survived,
+}
+
+impl Outcome {
+    /// Its name in the file.
+    fn word(self) -> String {
+        self.to_possible_value().expect("none is hidden").get_name().to_owned()
+    }
+}
+
+/// What has been tried.
+pub struct Ledger {
+    path: PathBuf,
+    /// By sum of the file and name of the mutant.
+    outcomes: BTreeMap<(String, String), Outcome>,
+    /// The sums of the files that were asked about.
+    sums: BTreeMap<String, String>,
+}
+
+impl Ledger {
+    /// Reads the file, if there is one.
+    pub fn at(path: PathBuf) -> Result<Self> {
+        let mut outcomes = BTreeMap::new();
+        // A line that was cut off when a run was killed is no outcome.
+        for line in fs::read_to_string(&path).unwrap_or_default().lines() {
+            let mut words = line.splitn(3, ' ');
+            if let (Some(sum), Some(word), Some(name)) = (words.next(), words.next(), words.next())
+                && let Ok(outcome) = Outcome::from_str(word, false)
+            {
+                outcomes.insert((sum.to_owned(), name.to_owned()), outcome);
+            }
+        }
+        Ok(Self { path, outcomes, sums: BTreeMap::new() })
+    }
+
+    /// What became of a mutant of the file as it is now.
+    pub fn outcome(&mut self, mutant: &Mutant) -> Result<Option<Outcome>> {
+        let key = (self.sum(&mutant.file)?, mutant.name.clone());
+        Ok(self.outcomes.get(&key).copied())
+    }
+
+    /// Writes down an outcome.
+    pub fn add(&mut self, mutant: &Mutant, outcome: Outcome) -> Result<()> {
+        let sum = self.sum(&mutant.file)?;
+        let said = || self.path.display().to_string();
+        let file = OpenOptions::new().create(true).append(true).open(&self.path);
+        let mut file = file.with_context(said)?;
+        writeln!(file, "{sum} {} {}", outcome.word(), mutant.name).with_context(said)?;
+        self.outcomes.insert((sum, mutant.name.clone()), outcome);
+        Ok(())
+    }
+
+    fn sum(&mut self, file: &str) -> Result<String> {
+        if let Some(sum) = self.sums.get(file) {
+            return Ok(sum.clone());
+        }
+        let bytes = fs::read(root().join(file)).with_context(|| file.to_owned())?;
+        let sum = sums::sha256(&bytes)[..16].to_owned();
+        self.sums.insert(file.to_owned(), sum.clone());
+        Ok(sum)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::list::{Place, Span};
+    use super::*;
+
+    #[test]
+    fn what_was_written_down_is_known_to_the_next_run_and_a_cut_line_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("outcomes");
+        let place = Place { line: 1, column: 1 };
+        let mutant = |name: &str| Mutant {
+            name: name.to_owned(),
+            package: String::new(),
+            file: "Cargo.toml".to_owned(),
+            function: None,
+            replacement: String::new(),
+            span: Span { start: place, end: place },
+        };
+        let mut ledger = Ledger::at(path.clone()).unwrap();
+        assert_eq!(ledger.outcome(&mutant("a b")).unwrap(), None);
+        ledger.add(&mutant("a b"), Outcome::Survived).unwrap();
+        ledger.add(&mutant("a b"), Outcome::Caught).unwrap();
+        ledger.add(&mutant("c"), Outcome::TimedOut).unwrap();
+        let text = fs::read_to_string(&path).unwrap();
+        let cut = text.rfind("timed").unwrap() + 3;
+        for (kept, c) in [(text.len(), Some(Outcome::TimedOut)), (cut, None)] {
+            fs::write(&path, &text[..kept]).unwrap();
+            let mut ledger = Ledger::at(path.clone()).unwrap();
+            assert_eq!(ledger.outcome(&mutant("a b")).unwrap(), Some(Outcome::Caught));
+            assert_eq!(ledger.outcome(&mutant("c")).unwrap(), c);
+        }
+    }
+}
