@@ -334,6 +334,9 @@ impl<'a> Session<'a> {
                 }
             }
         });
+        if !replies.is_empty() {
+            self.counters.forget_allocations();
+        }
         for (id, outcome) in replies {
             self.links.reply_to_updater(id, outcome);
         }

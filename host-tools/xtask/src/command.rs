@@ -322,7 +322,7 @@ pub fn give_way() {
     // takes longer.
     let Ok(place) = std::fs::read_link("/proc/thread-self") else { return };
     let Some(thread) = place.file_name() else { return };
-    let _ = Task::new("renice").args(["-n", "10", "-p"]).args([thread]).output();
+    let _ = Task::new("renice").args(["-n", "19", "-p"]).args([thread]).output();
 }
 
 /// A word as one would type it in a shell.
@@ -412,7 +412,7 @@ mod tests {
             give_way();
             nice()
         });
-        assert_eq!(beside.join().unwrap(), before.max(10));
+        assert_eq!(beside.join().unwrap(), before.max(19));
     }
 
     #[test]

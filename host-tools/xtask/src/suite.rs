@@ -2,7 +2,7 @@
 //!
 //! `cargo test` runs one program after the other, and many of ours wait for sockets or for frames
 //! of a paced recording. Here cargo builds all of them and reports where they are; as many run at a
-//! time as there are processor cores, and one more. The output of a program is shown when it ends,
+//! time as there are processor cores. The output of a program is shown when it ends,
 //! complete and in cargo's own format. Documentation tests have no program, so cargo runs them.
 
 use std::cmp::Reverse;
@@ -116,14 +116,12 @@ fn run_programs(
     mut show: impl FnMut(&str),
 ) -> Result<Vec<String>> {
     let cores = thread::available_parallelism().map_or(1, usize::from);
-    // Many wait for sockets and for clocks most of the time.
-    let at_a_time = cores + 1;
     let queue = Mutex::new(programs.into_iter());
     let next = || queue.lock().expect("nobody panics with it").next();
     let (sender, ended) = mpsc::channel();
     let mut failed = Vec::new();
     thread::scope(|scope| {
-        for _ in 0..at_a_time {
+        for _ in 0..cores {
             let (sender, task, next) = (sender.clone(), &task, &next);
             scope.spawn(move || {
                 while let Some(program) = next() {

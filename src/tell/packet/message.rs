@@ -169,7 +169,7 @@ pub struct Health {
     /// Corners that searches have lost because a buffer was full.
     pub corners_dropped: u32,
     /// Heap allocations since the first frame after the camera was last opened, a picture was last
-    /// taken or a configuration was last stored, without those that decode a camera's compressed
+    /// taken, a configuration was last stored or an update was last asked about, without those that decode a camera's compressed
     /// frames; `None` when they are not counted.
     pub heap_allocations: Option<u32>,
     /// The processor's temperature in 0.1 degrees Celsius, where it can be read.

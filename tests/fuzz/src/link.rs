@@ -527,7 +527,7 @@ impl World {
 pub fn seeds() -> Vec<Vec<u8>> {
     // An announcement, what is due, and enough arrivals for both handshakes; then everybody speaks.
     let join: &[&[u8]] =
-        &[&[10], &[1; 3], &[0], &[1; 14], &[8, 0], &[8, 1], &[1; 6], &[9], &[1; 4]];
+        &[&[10], &[1; 5], &[0], &[1; 26], &[8, 0], &[8, 1], &[12, 0], &[1; 10], &[9], &[1; 6]];
     let join = join.concat();
     let with = |steps: &[u8]| [&[0, 1, 0, 0, 0][..], &join, steps].concat();
     let mut noise = vec![6, 5, 0];
@@ -564,7 +564,8 @@ mod tests {
             while !input.is_empty() {
                 world.step(&mut input);
             }
-            heard += usize::from(!world.heard.is_empty() && !world.reached.is_empty());
+            let is_heard = !world.heard.is_empty() && !world.reached.is_empty();
+            heard += usize::from(is_heard && !world.told_of_update.is_empty());
         }
         assert!(heard >= 4, "somebody is heard and hears in {heard} of them");
     }
