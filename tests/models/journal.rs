@@ -1,5 +1,5 @@
 //! A journal that was cut anywhere, as by a loss of power, with whatever a disk may have behind the cut:
-//! nothing, zeros, or noise.
+//! nothing, zeros, noise, or another journal's blocks.
 //!
 //! What is read is what was written before the cut, to the entry; what was on the disk by then is among
 //! it; and nothing else is.
@@ -15,7 +15,7 @@ use proptest::prelude::*;
 use crate::laws::Tries;
 
 /// Before the first entry.
-const MAGIC_BYTES: usize = 20;
+const HEAD_BYTES: usize = 24;
 
 /// Bytes with as many borders as one likes, and lengths at which their stuffing changes.
 fn bytes() -> impl Strategy<Value = Vec<u8>> {
@@ -38,11 +38,35 @@ fn entries() -> impl Strategy<Value = Vec<Entry>> {
 }
 
 /// What lies behind the cut.
-fn tails() -> impl Strategy<Value = Vec<u8>> {
-    prop_oneof![
+#[derive(Debug, Clone)]
+enum Tail {
+    Bytes(Vec<u8>),
+    /// A journal of these entries, from somewhere on.
+    OfAnother(Vec<Entry>, prop::sample::Index),
+}
+
+impl Tail {
+    fn bytes(self, folder: &Path) -> Vec<u8> {
+        match self {
+            Self::Bytes(bytes) => bytes,
+            Self::OfAnother(entries, from) => {
+                let (mut whole, _) = written(&entries, &folder.join("another.bin"));
+                whole.split_off(from.index(whole.len()))
+            }
+        }
+    }
+}
+
+fn tails() -> impl Strategy<Value = Tail> {
+    let bytes = prop_oneof![
         Just(Vec::new()),
         (1..4_096_usize).prop_map(|length| vec![0; length]),
         proptest::collection::vec(any::<u8>(), 1..4_096),
+    ];
+    let another = (entries(), any::<prop::sample::Index>());
+    prop_oneof![
+        3 => bytes.prop_map(Tail::Bytes),
+        1 => another.prop_map(|(entries, from)| Tail::OfAnother(entries, from)),
     ]
 }
 
@@ -62,15 +86,16 @@ fn a_cut_gives_a_beginning(tries: Tries) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("packets.bin");
     tries.hold(
-        "a journal cut at any place, with nothing, zeros or noise behind the cut",
+        "a journal cut at any place, with nothing, zeros, noise or another journal behind the cut",
         "each reads as the entries that were whole before the cut, and as nothing else",
         &(entries(), any::<prop::sample::Index>(), tails()),
         |(entries, cut, tail)| {
             let (whole, ends) = written(&entries, &path);
+            let tail = tail.bytes(folder.path());
             let cut = cut.index(whole.len() + 1);
             let bytes = [&whole[..cut], &tail].concat();
             let Ok(mut reader) = Reader::new(&bytes[..], "a journal".to_owned()) else {
-                assert!(cut < MAGIC_BYTES, "its first line is there");
+                assert!(cut < HEAD_BYTES, "its head is there");
                 return;
             };
             let mut read = Vec::new();
@@ -82,7 +107,7 @@ fn a_cut_gives_a_beginning(tries: Tries) {
                 |end: &&usize| **end <= cut || (**end == cut + 1 && tail.starts_with(&[0]));
             let count = ends.iter().take_while(is_there).count();
             assert_eq!(read, entries[..count], "cut at {cut} of {}", whole.len());
-            let used = if count == 0 { MAGIC_BYTES } else { ends[count - 1] };
+            let used = if count == 0 { HEAD_BYTES } else { ends[count - 1] };
             assert_eq!(reader.damaged_bytes(), (bytes.len() - used) as u64);
         },
     );

@@ -2,12 +2,13 @@
 //! of the trial, so that `trial.toml` can be made again.
 //!
 //! ```text
-//! "PLUMBLINE JOURNAL 3\n"
-//! entry: 0, COBS of [kind (1 byte), time (8), content, CRC-32 of all of these (4)], 0
+//! "PLUMBLINE JOURNAL 4\n", tag (4 bytes)
+//! entry: 0, COBS of [kind (1 byte), time (8), content, CRC-32 of all of these xor tag (4)], 0
 //! ```
 //!
 //! Numbers are little endian; the time is in nanoseconds since the recording began, by this
-//! computer's monotonic clock. Consistent overhead byte stuffing (COBS; Cheshire and Baker, 1999)
+//! computer's monotonic clock. The tag is drawn at random: where a disk that has lost power shows, behind
+//! what it has kept, blocks of another journal that was deleted, no entry of that one counts. Consistent overhead byte stuffing (COBS; Cheshire and Baker, 1999)
 //! leaves no zero in an entry, so that a zero is always a border. An entry that a crash has cut off,
 //! or that a disk has damaged, is left out, and reading goes on at the next border: a damaged byte
 //! costs the entry that it is in and no other, wherever it is. Each byte is looked at four times at
@@ -27,10 +28,13 @@ use plumbline_stream::transport::Raw;
 
 use super::mark::Mark;
 
-const MAGIC: &[u8] = b"PLUMBLINE JOURNAL 3\n";
+const MAGIC: &[u8] = b"PLUMBLINE JOURNAL 4\n";
 
 /// The beginning of files of every version.
 const ANY_MAGIC: &[u8] = b"PLUMBLINE JOURNAL ";
+
+/// What each checksum of a journal is combined with.
+type Tag = [u8; 4];
 
 const DELIMITER: u8 = 0;
 
@@ -75,7 +79,7 @@ pub struct Entry {
 }
 
 impl Entry {
-    fn encode(&self) -> Vec<u8> {
+    fn encode(&self, tag: Tag) -> Vec<u8> {
         let (kind, content) = match &self.content {
             Content::Raw(Raw::Datagram(bytes)) => (1, Cow::from(bytes)),
             Content::Raw(Raw::Frame(bytes)) => (2, Cow::from(bytes)),
@@ -88,17 +92,17 @@ impl Entry {
         let mut entry = vec![kind];
         entry.extend(self.host_ns.to_le_bytes());
         entry.extend(content);
-        entry.extend(document_crc(&entry).to_le_bytes());
+        entry.extend(checksum(&entry, tag));
         let stuffed = cobs::encode_vec(&entry);
         [&[DELIMITER], &stuffed[..], &[DELIMITER]].concat()
     }
 
     /// The entry between two delimiters.
-    fn decode(stuffed: &mut [u8]) -> Option<Self> {
+    fn decode(stuffed: &mut [u8], tag: Tag) -> Option<Self> {
         let length = cobs::decode_in_place(stuffed).ok()?;
         let (covered, crc) = stuffed[..length].split_last_chunk::<CRC_BYTES>()?;
         let (&[kind, ref time @ ..], content) = covered.split_first_chunk::<HEAD_BYTES>()?;
-        if document_crc(covered).to_le_bytes() != *crc {
+        if checksum(covered, tag) != *crc {
             return None;
         }
         let content = match kind {
@@ -114,9 +118,14 @@ impl Entry {
     }
 }
 
+fn checksum(covered: &[u8], tag: Tag) -> [u8; CRC_BYTES] {
+    (document_crc(covered) ^ u32::from_le_bytes(tag)).to_le_bytes()
+}
+
 /// Writes a journal.
 pub struct Writer {
     file: File,
+    tag: Tag,
     place: String,
     keeper: Keeper,
 }
@@ -125,14 +134,16 @@ impl Writer {
     /// A new journal.
     ///
     /// # Errors
-    /// When it exists, or cannot be written.
+    /// When it exists, or cannot be written, or the operating system gives no random bytes.
     pub fn create(path: &Path) -> Result<Self, BadInput> {
         let place = path.display().to_string();
         let failed = |error| BadInput::io(&place, &error);
         let mut file = plumbline_files::create(path, false)?;
-        file.write_all(MAGIC).map_err(failed)?;
+        let mut tag = Tag::default();
+        getrandom::fill(&mut tag).map_err(|error| failed(error.into()))?;
+        file.write_all(&[MAGIC, &tag].concat()).map_err(failed)?;
         let keeper = file.try_clone().and_then(Keeper::start).map_err(failed)?;
-        Ok(Self { file, place, keeper })
+        Ok(Self { file, tag, place, keeper })
     }
 
     /// Adds an entry. From now on it survives the end of this program, and within half a second
@@ -142,7 +153,7 @@ impl Writer {
     /// When it cannot be written; what was written before stays.
     pub fn write(&mut self, entry: &Entry) -> Result<(), BadInput> {
         let written = self.keeper.failure().map_or(Ok(()), Err);
-        let written = written.and_then(|()| self.file.write_all(&entry.encode()));
+        let written = written.and_then(|()| self.file.write_all(&entry.encode(self.tag)));
         written.map_err(|error| BadInput::io(&self.place, &error))
     }
 
@@ -186,6 +197,7 @@ impl Keeper {
 /// Reads a journal, entry by entry, in little memory.
 pub struct Reader<R: Read> {
     source: BufReader<R>,
+    tag: Tag,
     place: String,
     /// What lies between two delimiters.
     stuffed: Vec<u8>,
@@ -217,13 +229,14 @@ impl<R: Read> Reader<R> {
     /// When it cannot be read, or does not begin as a journal.
     pub fn new(source: R, place: String) -> Result<Self, BadInput> {
         let mut source = BufReader::with_capacity(1 << 16, source);
-        let mut magic = Vec::new();
+        let mut head = Vec::new();
         (&mut source)
-            .take(MAGIC.len() as u64)
-            .read_to_end(&mut magic)
+            .take((MAGIC.len() + size_of::<Tag>()) as u64)
+            .read_to_end(&mut head)
             .map_err(|error| BadInput::io(&place, &error))?;
-        if magic != MAGIC {
-            let is_other = magic.starts_with(ANY_MAGIC);
+        let tag = head.strip_prefix(MAGIC).and_then(|tag| Tag::try_from(tag).ok());
+        let Some(tag) = tag else {
+            let is_other = head.starts_with(ANY_MAGIC) && !head.starts_with(MAGIC);
             let (found, remedy) = if is_other {
                 (
                     "it is a journal of another version of this program",
@@ -236,9 +249,10 @@ impl<R: Read> Reader<R> {
                 )
             };
             return Err(BadInput::whole(place, found, remedy));
-        }
+        };
         Ok(Self {
             source,
+            tag,
             place,
             stuffed: Vec::new(),
             read: 0,
@@ -266,7 +280,7 @@ impl<R: Read> Reader<R> {
             {
                 self.decoded += length;
             }
-            if let Some(entry) = Entry::decode(&mut self.stuffed) {
+            if let Some(entry) = Entry::decode(&mut self.stuffed, self.tag) {
                 self.entries += length + 2;
                 return Ok(Some(entry));
             }
@@ -326,6 +340,11 @@ mod tests {
     use super::*;
     use crate::mark::Source;
 
+    const TAG: Tag = *b"tag.";
+
+    /// What a journal begins with.
+    const HEAD: &[u8] = b"PLUMBLINE JOURNAL 4\ntag.";
+
     fn entries() -> Vec<Entry> {
         (0..400_u64)
             .map(|at| Entry {
@@ -342,7 +361,7 @@ mod tests {
     }
 
     fn bytes(entries: &[Entry]) -> Vec<u8> {
-        entries.iter().fold(MAGIC.to_vec(), |bytes, entry| [bytes, entry.encode()].concat())
+        entries.iter().fold(HEAD.to_vec(), |bytes, entry| [bytes, entry.encode(TAG)].concat())
     }
 
     fn read(bytes: &[u8]) -> (Vec<Entry>, u64) {
@@ -374,11 +393,11 @@ mod tests {
                 let host_ns = u64::from_le_bytes([fill; 8]);
                 let content = Content::Raw(Raw::Datagram(vec![fill; length]));
                 let entry = Entry { host_ns, content };
-                let bytes = entry.encode();
+                let bytes = entry.encode(TAG);
                 let (_, stuffed) = bytes.split_first().unwrap();
                 assert_eq!(stuffed.iter().position(|it| *it == DELIMITER), Some(stuffed.len() - 1));
                 assert!(stuffed.len() <= STUFFED_BYTES_MAX + 1, "{length}");
-                assert_eq!(read(&[MAGIC, &bytes].concat()), (vec![entry], 0), "{length}");
+                assert_eq!(read(&[HEAD, &bytes].concat()), (vec![entry], 0), "{length}");
             }
         }
     }
@@ -386,10 +405,10 @@ mod tests {
     #[test]
     fn a_cut_costs_the_entry_that_it_hits_and_no_other() {
         let (entries, whole) = (entries(), bytes(&entries()));
-        let (mut start, mut at) = (MAGIC.len(), 0);
-        for cut in MAGIC.len()..whole.len() {
-            if cut >= start + entries[at].encode().len() {
-                start += entries[at].encode().len();
+        let (mut start, mut at) = (HEAD.len(), 0);
+        for cut in HEAD.len()..whole.len() {
+            if cut >= start + entries[at].encode(TAG).len() {
+                start += entries[at].encode(TAG).len();
                 at += 1;
             }
             // Every place in some entries; elsewhere now and then, for the time it takes.
@@ -403,7 +422,7 @@ mod tests {
     #[test]
     fn damage_costs_the_entry_that_it_hits_and_no_other() {
         let (entries, whole) = (entries(), bytes(&entries()));
-        for place in (MAGIC.len()..whole.len()).step_by(97) {
+        for place in (HEAD.len()..whole.len()).step_by(97) {
             let mut damaged = whole.clone();
             damaged[place] ^= 0x40;
             let (read, lost) = read(&damaged);
@@ -412,8 +431,23 @@ mod tests {
         }
     }
 
+    #[test]
+    fn what_a_disk_has_kept_of_another_journal_does_not_count() {
+        let old: Vec<u8> = entries().iter().flat_map(|it| it.encode(*b"old.")).collect();
+        let (kept, cut) = (bytes(&entries()[..3]), 100);
+        let file = [&kept, &old[..cut], &old].concat();
+        assert_eq!(read(&file), (entries()[..3].to_vec(), (cut + old.len()) as u64));
+        let folder = tempfile::tempdir().unwrap();
+        let tags = ["one", "other"].map(|name| {
+            let path = folder.path().join(name);
+            drop(Writer::create(&path).unwrap());
+            std::fs::read(path).unwrap()[MAGIC.len()..].to_vec()
+        });
+        assert_ne!(tags[0], tags[1], "by chance only once in four thousand million times");
+    }
+
     fn entry_of(content: Vec<u8>) -> Vec<u8> {
-        Entry { host_ns: 7, content: Content::Raw(Raw::Datagram(content)) }.encode()
+        Entry { host_ns: 7, content: Content::Raw(Raw::Datagram(content)) }.encode(TAG)
     }
 
     /// No file costs more than its bytes, and what follows the worst damage is found.
@@ -438,11 +472,11 @@ mod tests {
         ];
         for (name, pattern) in worst {
             let damage: Vec<u8> = pattern.iter().copied().cycle().take(DAMAGED).collect();
-            let file = [MAGIC, &damage, &last].concat();
+            let file = [HEAD, &damage, &last].concat();
             let mut reader = Reader::new(&file[..], "packets.bin".into()).unwrap();
             let found = reader.next_entry().unwrap();
             // A last run without a border of its own takes the entry's first one.
-            assert!(found.is_some_and(|entry| entry.encode() == last), "{name}");
+            assert!(found.is_some_and(|entry| entry.encode(TAG) == last), "{name}");
             assert_eq!(reader.next_entry().unwrap(), None, "{name}");
             assert_eq!(reader.damaged_bytes(), DAMAGED as u64, "{name}");
             // Decoding looks at each byte three times, and reading once.
@@ -454,9 +488,9 @@ mod tests {
     #[test]
     fn no_bytes_make_the_reader_panic() {
         let whole = bytes(&entries()[..20]);
-        for mutated in mutations(&whole[MAGIC.len()..], 3_000) {
-            let (entries, damaged) = read(&[MAGIC, &mutated].concat());
-            let there: usize = entries.iter().map(|entry| entry.encode().len()).sum();
+        for mutated in mutations(&whole[HEAD.len()..], 3_000) {
+            let (entries, damaged) = read(&[HEAD, &mutated].concat());
+            let there: usize = entries.iter().map(|entry| entry.encode(TAG).len()).sum();
             // Where one of two delimiters is missing, both entries count the other.
             let counted = there as u64 + damaged - mutated.len() as u64;
             assert!(counted <= entries.len() as u64, "{counted}");
@@ -468,7 +502,8 @@ mod tests {
         let old = Reader::new(&b"PLUMBLINE JOURNAL 1\n\x01"[..], "packets.bin".into());
         let error = old.err().unwrap().to_string();
         assert!(error.contains("another version") && error.contains("version that"), "{error}");
-        for bytes in [&b""[..], b"PLUMBLINE", b"frame,time_s\n0,0.0\n"] {
+        // The last one has lost all but its first line.
+        for bytes in [&b""[..], b"PLUMBLINE", b"frame,time_s\n0,0.0\n", MAGIC] {
             let error = Reader::new(bytes, "packets.bin".into()).err().unwrap().to_string();
             assert!(error.contains("packets.bin") && error.contains("plumb receive"), "{error}");
         }

@@ -13,18 +13,18 @@
 //! ```
 
 use heapless::String;
-use zeroize::Zeroizing;
 
 use super::Peer;
 use super::aead::{CipherKey, KEY_BYTES};
-use super::attempts::{Acceptance, Attempts, Opening};
-use super::key::{Key, KeyId};
+use super::approach::Approach;
+use super::attempts::Acceptance;
+use super::key::Key;
 use super::listeners::Caller;
 use super::obstacle::Obstacle;
 use super::reception::Reception;
 use super::session::{Session, Sessions};
 use super::stream::{Opened, StreamKey};
-use super::wire::{Announcement, Kind, Purpose, SEALED_BYTES_MAX, VERSIONS};
+use super::wire::{Kind, Purpose, SEALED_BYTES_MAX};
 use crate::tell::packet::{
     Action, Command, EncodeError, Message, REASON_BYTES_MAX, Refusal, Reply, ReplyOutcome, Start,
     is_sent_by,
@@ -62,12 +62,7 @@ pub enum Told<'a> {
 /// A host's end of the link.
 #[derive(Debug)]
 pub struct HostEnd {
-    key: Key,
-    key_id: KeyId,
-    caller: Caller,
-    /// Where the box was last.
-    known: Option<Peer>,
-    attempts: Attempts,
+    approach: Approach,
     sessions: Sessions,
     reception: Reception,
     /// Whether other poses than all have ever been wanted; the box is then told after each ping,
@@ -84,11 +79,7 @@ impl HostEnd {
     #[must_use]
     pub fn new(key: Key, caller: Caller, known: Option<Peer>) -> Self {
         Self {
-            key_id: key.id(),
-            key,
-            caller,
-            known,
-            attempts: Attempts::default(),
+            approach: Approach::new(Purpose::Listening, key, caller, known),
             sessions: Sessions::default(),
             reception: Reception::new(),
             chooses: false,
@@ -107,7 +98,7 @@ impl HostEnd {
     /// The box's key.
     #[must_use]
     pub fn key(&self) -> &Key {
-        &self.key
+        self.approach.key()
     }
 
     /// Where the box is that has taken this end as a listener.
@@ -160,7 +151,7 @@ impl HostEnd {
 
     /// Tries the box at this address, at which it is perhaps.
     pub fn try_at(&mut self, peer: Peer, now_ns: u64, mut draw: impl FnMut() -> [u8; KEY_BYTES]) {
-        self.attempts.begin(peer, false, now_ns, &mut draw);
+        self.approach.try_at(peer, now_ns, &mut draw);
     }
 
     /// The next packet that is due, and where to; to be asked until there is none.
@@ -172,14 +163,11 @@ impl HostEnd {
     ) -> Option<(Peer, &'a [u8])> {
         let current = self.sessions.current.as_ref();
         let is_settled = current.is_some_and(|it| it.is_settled(now_ns));
-        if let Some(known) = current.map(|it| it.peer).or(self.known)
-            && !is_settled
-            && !self.is_refused(now_ns)
-        {
-            self.attempts.begin(known, true, now_ns, &mut draw);
+        if !is_settled && !self.is_refused(now_ns) {
+            self.approach.try_known(now_ns, &mut draw);
         }
         self.sessions.pass(now_ns);
-        if let Some((peer, bytes)) = self.attempts.due(now_ns, buffer) {
+        if let Some((peer, bytes)) = self.approach.due(now_ns, buffer) {
             return Some((peer, &buffer[..bytes]));
         }
         let session = self.sessions.current.as_mut()?;
@@ -252,8 +240,7 @@ impl HostEnd {
         told.unwrap_or(Told::Nothing)
     }
 
-    /// Takes note of an announcement of this box: another start of it is met at once. It is not
-    /// authentic, and does no more than have this end greet an address.
+    /// Takes note of an announcement of this box: another start of it is met at once.
     fn announced(
         &mut self,
         from: Peer,
@@ -261,12 +248,9 @@ impl HostEnd {
         now_ns: u64,
         draw: &mut impl FnMut() -> [u8; KEY_BYTES],
     ) -> Option<()> {
-        let announcement = Announcement::parse(packet)?;
-        if announcement.key_id != Some(self.key_id) {
-            return None;
-        }
-        if !self.sessions.has_met(announcement.start, now_ns) && !self.is_refused(now_ns) {
-            self.attempts.begin(from, false, now_ns, draw);
+        let start = self.approach.announced(packet)?;
+        if !self.sessions.has_met(start, now_ns) && !self.is_refused(now_ns) {
+            self.approach.try_at(from, now_ns, draw);
         }
         Some(())
     }
@@ -284,26 +268,23 @@ impl HostEnd {
         draw: &mut impl FnMut() -> [u8; KEY_BYTES],
         buffer: &'a mut [u8; SEALED_BYTES_MAX],
     ) -> Option<&'a [u8]> {
-        let answer = self.attempts.answer(from, packet, &self.key)?;
+        let answer = self.approach.answered(from, packet)?;
         if let Some(obstacle) = Obstacle::of(&answer.announcement) {
             self.obstacle = Some(obstacle);
-            self.attempts.end(from);
+            self.approach.end(from);
             return None;
         }
         if self.sessions.has_met(answer.announcement.start, now_ns) {
             // What made this end greet it was not true.
-            self.attempts.end(from);
+            self.approach.end(from);
             return None;
         }
-        let secret = Zeroizing::new(draw());
-        let opening =
-            Opening::new(Purpose::Listening, VERSIONS, &self.key, &answer, &self.caller, &secret)?;
-        self.attempts.open(from, opening, now_ns, buffer)
+        self.approach.open(from, &answer, now_ns, draw, buffer)
     }
 
     /// The session that follows an acceptance of an opening of this end.
     fn accepted(&mut self, from: Peer, rest: &[u8], now_ns: u64) -> Option<()> {
-        let Acceptance { start, channel, admission } = self.attempts.accepted(from, rest)?;
+        let Acceptance { start, channel, admission } = self.approach.accepted(from, rest)?;
         let (next, rest) = admission.split_first_chunk::<8>()?;
         let (epoch, key) = rest.split_first_chunk::<8>()?;
         let next = u64::from_le_bytes(*next);
@@ -311,7 +292,6 @@ impl HostEnd {
         let stream_key = StreamKey::of_epoch(u64::from_le_bytes(*epoch), key);
         self.reception.join(start, next, stream_key);
         self.sessions.begin(Session::new(from, start, channel, now_ns));
-        self.known = Some(from);
         self.has_chosen = !self.chooses;
         Some(())
     }
@@ -387,7 +367,7 @@ impl HostEnd {
     }
 
     /// Gives itself out for a program with another key.
-    pub(super) fn pretend(&mut self, key_id: KeyId) {
-        self.key_id = key_id;
+    pub(super) fn pretend(&mut self, key_id: super::KeyId) {
+        self.approach.pretend(key_id);
     }
 }

@@ -12,7 +12,8 @@
 //! pending      handshakes that wait           listeners   programs that listen
 //! ring         its latest packets             resends     which of them are to be sent again
 //! host_end     a host of one box              obstacle    why there is no session
-//! attempts     handshakes that are not through            session     those that are
+//! approach     which box, and where           attempts    handshakes that are not through
+//! session      those that are through
 //! reception    what has come of the stream    missing     what is asked for again
 //! updater      the host that updates a box    update_end  that host's end of the link
 //! ```
@@ -22,6 +23,7 @@
 //! another receiver, and what it protects from whom.
 
 mod aead;
+mod approach;
 mod attempts;
 mod box_end;
 mod channel;

@@ -8,15 +8,14 @@
 //! no session, or silent ───┴▶ Greeting ─▶ Answer ─▶ UpdateOpening ─▶ UpdateAcceptance ─▶ session
 //! ```
 
-use zeroize::Zeroizing;
-
 use super::Peer;
 use super::aead::KEY_BYTES;
-use super::attempts::{Acceptance, Attempts, Opening};
+use super::approach::Approach;
+use super::attempts::Acceptance;
 use super::channel::{Channel, session_of};
-use super::key::{Key, KeyId};
+use super::key::Key;
 use super::listeners::Caller;
-use super::wire::{Announcement, Kind, Purpose, SEALED_BYTES_MAX, VERSIONS};
+use super::wire::{Kind, Purpose, SEALED_BYTES_MAX};
 use crate::tell::packet::{EncodeError, Start, UpdateReply, UpdateRequest};
 
 /// A session in which nothing has come for this long is tried again from the beginning.
@@ -51,14 +50,7 @@ struct Session {
 /// A host's end of the link to a box that it updates.
 #[derive(Debug)]
 pub struct UpdateEnd {
-    key: Key,
-    key_id: KeyId,
-    /// The versions of the protocol that this program speaks.
-    versions: [u8; 2],
-    caller: Caller,
-    /// Where the box was last.
-    known: Option<Peer>,
-    attempts: Attempts,
+    approach: Approach,
     session: Option<Session>,
 }
 
@@ -66,21 +58,13 @@ impl UpdateEnd {
     /// The end of a program that wants to update the box with this key, and may know where it is.
     #[must_use]
     pub fn new(key: Key, caller: Caller, known: Option<Peer>) -> Self {
-        Self {
-            key_id: key.id(),
-            key,
-            versions: VERSIONS,
-            caller,
-            known,
-            attempts: Attempts::default(),
-            session: None,
-        }
+        Self { approach: Approach::new(Purpose::Updating, key, caller, known), session: None }
     }
 
     /// The box's key.
     #[must_use]
     pub fn key(&self) -> &Key {
-        &self.key
+        self.approach.key()
     }
 
     /// Where the box is with which there is a session.
@@ -97,12 +81,10 @@ impl UpdateEnd {
         buffer: &'a mut [u8; SEALED_BYTES_MAX],
     ) -> Option<(Peer, &'a [u8])> {
         let is_silent = |it: &Session| now_ns.saturating_sub(it.heard_ns) >= SILENT_NS;
-        if let Some(known) = self.peer().or(self.known)
-            && self.session.as_ref().is_none_or(is_silent)
-        {
-            self.attempts.begin(known, true, now_ns, &mut draw);
+        if self.session.as_ref().is_none_or(is_silent) {
+            self.approach.try_known(now_ns, &mut draw);
         }
-        let (peer, bytes) = self.attempts.due(now_ns, buffer)?;
+        let (peer, bytes) = self.approach.due(now_ns, buffer)?;
         Some((peer, &buffer[..bytes]))
     }
 
@@ -135,7 +117,9 @@ impl UpdateEnd {
                 .announced(from, packet, now_ns, &mut draw)
                 .map(|()| ToldOfUpdate::Handshake(None)),
             Kind::Answer => self
-                .answered(from, packet, now_ns, &mut draw, buffer)
+                .approach
+                .answered(from, packet)
+                .and_then(|it| self.approach.open(from, &it, now_ns, &mut draw, buffer))
                 .map(|packet| ToldOfUpdate::Handshake(Some(packet))),
             Kind::UpdateAcceptance => {
                 self.accepted(from, rest, now_ns).map(|()| ToldOfUpdate::Handshake(None))
@@ -159,37 +143,16 @@ impl UpdateEnd {
         now_ns: u64,
         draw: &mut impl FnMut() -> [u8; KEY_BYTES],
     ) -> Option<()> {
-        let announcement = Announcement::parse(packet)?;
-        if announcement.key_id != Some(self.key_id) {
-            return None;
-        }
-        if !self.has_met(announcement.start) {
-            self.attempts.begin(from, false, now_ns, draw);
+        if !self.has_met(self.approach.announced(packet)?) {
+            self.approach.try_at(from, now_ns, draw);
         }
         Some(())
     }
 
-    /// The opening that follows an answer to a greeting of this end.
-    fn answered<'a>(
-        &mut self,
-        from: Peer,
-        packet: &[u8],
-        now_ns: u64,
-        draw: &mut impl FnMut() -> [u8; KEY_BYTES],
-        buffer: &'a mut [u8; SEALED_BYTES_MAX],
-    ) -> Option<&'a [u8]> {
-        let answer = self.attempts.answer(from, packet, &self.key)?;
-        let secret = Zeroizing::new(draw());
-        let Self { versions, key, caller, .. } = self;
-        let opening = Opening::new(Purpose::Updating, *versions, key, &answer, caller, &secret)?;
-        self.attempts.open(from, opening, now_ns, buffer)
-    }
-
     /// The session that follows an acceptance of an opening of this end.
     fn accepted(&mut self, from: Peer, rest: &[u8], now_ns: u64) -> Option<()> {
-        let Acceptance { start, channel, .. } = self.attempts.accepted(from, rest)?;
+        let Acceptance { start, channel, .. } = self.approach.accepted(from, rest)?;
         self.session = Some(Session { peer: from, start, channel, heard_ns: now_ns });
-        self.known = Some(from);
         Some(())
     }
 
@@ -209,6 +172,6 @@ impl UpdateEnd {
 impl UpdateEnd {
     /// Gives itself out for a program of another release.
     pub(super) fn speak(&mut self, versions: [u8; 2]) {
-        self.versions = versions;
+        self.approach.speak(versions);
     }
 }

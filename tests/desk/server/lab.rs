@@ -90,9 +90,9 @@ fn a_laboratory_gets_every_frame_and_its_marker_is_t_zero() {
     let error_s = event.time_s + 1e-6 * f64::from(latency_us) - wanted_s;
     // What a box replays has times of a recording, which only the frames' arrival relates to others: where
     // even the least delayed waited for a busy computer, nobody knows better.
-    let waited_s = least_waits_s(&recorded);
-    println!("t = 0 is off by {:.3} ms; the least waits {:.3} ms", 1e3 * error_s, 1e3 * waited_s);
-    assert!(error_s.abs() < WITHIN_S + waited_s, "{error_s}");
+    let differ_s = waits_differ_s(&recorded);
+    println!("t = 0 is off by {:.3} ms; waits differ by {:.3} ms", 1e3 * error_s, 1e3 * differ_s);
+    assert!(error_s.abs() < WITHIN_S + differ_s, "{error_s}, and waits differ by {differ_s}");
     assert!(!said.contains("warning"), "{said}");
 }
 
@@ -109,14 +109,15 @@ fn see_frames(page: &Page) {
     }
 }
 
-/// By how much the least times under way differ from one second of a recording to the next.
-fn least_waits_s(packets: &[(u64, PosePacket)]) -> f64 {
+/// By how much the times under way of the quicker half of the frames differ. The least of a few seconds is
+/// taken for no wait at all, by the desk over seconds that also lie before the trial: where many frames wait,
+/// the least of other seconds may differ by as much.
+fn waits_differ_s(packets: &[(u64, PosePacket)]) -> f64 {
     let way_ns = |(arrival_ns, packet): &(u64, PosePacket)| {
         let left_ns = packet.capture_time_ns + 1000 * u64::from(packet.latency_us);
         arrival_ns.wrapping_sub(left_ns).cast_signed()
     };
-    let seconds = packets.chunks(RATE_HZ).filter(|it| it.len() == RATE_HZ);
-    let least: Vec<i64> = seconds.map(|it| it.iter().map(way_ns).min().unwrap()).collect();
-    let (low, high) = (least.iter().min().unwrap(), least.iter().max().unwrap());
-    1e-9 * (high - low) as f64
+    let mut ways: Vec<i64> = packets.iter().map(way_ns).collect();
+    ways.sort_unstable();
+    1e-9 * (ways[ways.len() / 2] - ways[0]) as f64
 }

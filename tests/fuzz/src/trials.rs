@@ -27,7 +27,8 @@ use plumbline_trial::{Trial, names};
 use crate::input::{Input, put_block};
 use crate::packets;
 
-const MAGIC: &[u8] = b"PLUMBLINE JOURNAL 3\n";
+/// With a tag that changes no checksum.
+const HEAD: &[u8] = b"PLUMBLINE JOURNAL 4\n\0\0\0\0";
 
 const ENTRIES_MAX: usize = 256;
 
@@ -47,11 +48,11 @@ pub fn check(bytes: &[u8]) {
     let entries = read(&journal);
     if let Some(whole) = whole {
         // One of a content that is none of its kind is left out, and damages no other.
-        let alone = whole.iter().flat_map(|entry| read(&[MAGIC, entry].concat()));
+        let alone = whole.iter().flat_map(|entry| read(&[HEAD, entry].concat()));
         assert_eq!(entries, alone.collect::<Vec<_>>(), "entries disturb each other");
     }
-    let cut = usize::from(document_crc(bytes) as u16) % (journal.len() - MAGIC.len() + 1);
-    let before = read(&journal[..MAGIC.len() + cut]);
+    let cut = usize::from(document_crc(bytes) as u16) % (journal.len() - HEAD.len() + 1);
+    let before = read(&journal[..HEAD.len() + cut]);
     assert!(entries.starts_with(&before), "a cut at {cut} changes what is before it");
     folder(&journal, &files);
 }
@@ -66,8 +67,7 @@ struct Tried<'a> {
 
 impl<'a> Tried<'a> {
     fn of(mut input: Input<'a>) -> Self {
-        let mut tried =
-            Self { journal: MAGIC.to_vec(), whole: Some(Vec::new()), files: Vec::new() };
+        let mut tried = Self { journal: HEAD.to_vec(), whole: Some(Vec::new()), files: Vec::new() };
         let mut host_ns = 0_u64;
         for _ in 0..ENTRIES_MAX {
             if input.is_empty() {
@@ -104,7 +104,7 @@ impl<'a> Tried<'a> {
                 let back = 1 + usize::from(input.word()) % journal.len();
                 let at = journal.len() - back;
                 // The head stays: without it nothing is read.
-                if at >= MAGIC.len() {
+                if at >= HEAD.len() {
                     let new = input.byte();
                     if new == 1 { journal.truncate(at) } else { journal[at] ^= new }
                 }
