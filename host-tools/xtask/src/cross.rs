@@ -77,6 +77,10 @@ impl Target {
 
     /// Installs what is missing.
     pub fn prepare(self) -> Result<()> {
+        if self.built_library().is_some() {
+            // To build one takes minutes.
+            add_target(self.triple());
+        }
         self.toolchain().map(drop)
     }
 

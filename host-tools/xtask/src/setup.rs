@@ -8,6 +8,7 @@
 use std::env;
 use std::fmt::{self, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
@@ -253,8 +254,10 @@ pub fn are_there(needs: &[Need]) -> bool {
     needs.iter().all(|need| is_there(need.probe))
 }
 
-/// Installs those of `needs` that are missing.
+/// Installs those of `needs` that are missing; one thread at a time, as apt wants it.
 pub fn ensure(needs: &[&[Need]]) -> Result<()> {
+    static PACKAGE_LISTS: Mutex<PackageLists> = Mutex::new(PackageLists::Old);
+    let mut lists = PACKAGE_LISTS.lock().unwrap_or_else(PoisonError::into_inner);
     let missing: Vec<&Need> =
         needs.iter().copied().flatten().filter(|need| !is_there(need.probe)).collect();
     if missing.is_empty() {
@@ -264,7 +267,16 @@ pub fn ensure(needs: &[&[Need]]) -> Result<()> {
     for need in &missing {
         println!("  {:<26} {}", need.package, need.why);
     }
-    install(&missing)
+    install(&missing, &mut lists)
+}
+
+/// What apt knows of what there is to install.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum PackageLists {
+    /// What an earlier day has left.
+    Old,
+    /// Fetched by this program.
+    Fresh,
 }
 
 /// Checks that there is room to build in `directory`, which need not exist yet. What it already
@@ -328,7 +340,7 @@ pub fn ensure_components() -> Result<()> {
     Ok(())
 }
 
-fn install(missing: &[&Need]) -> Result<()> {
+fn install(missing: &[&Need], lists: &mut PackageLists) -> Result<()> {
     let mut packages: Vec<&str> = missing.iter().map(|need| need.package).collect();
     packages.sort_unstable();
     packages.dedup();
@@ -372,8 +384,11 @@ fn install(missing: &[&Need]) -> Result<()> {
     }
     // Package lists that cannot be refreshed (one of several mirrors is down) may still be good
     // enough.
-    if let Err(error) = as_root("apt-get", &["update"]).run() {
-        println!("{error}; trying with the package lists that are there");
+    if *lists == PackageLists::Old || !foreign.is_empty() {
+        match as_root("apt-get", &["update"]).run() {
+            Ok(()) => *lists = PackageLists::Fresh,
+            Err(error) => println!("{error}; trying with the package lists that are there"),
+        }
     }
     // Nothing is removed: a package that could only replace another is an error.
     let install = ["DEBIAN_FRONTEND=noninteractive", "apt-get", "install", "--yes", "--no-remove"];

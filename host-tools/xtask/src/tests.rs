@@ -5,7 +5,7 @@
 //! whole fails at the end.
 
 use std::path::PathBuf;
-use std::thread;
+use std::thread::{self, JoinHandle};
 
 use anyhow::{Result, anyhow, bail};
 use clap::ValueEnum;
@@ -112,7 +112,8 @@ impl Part {
         self.to_possible_value().expect("no part is hidden").get_name().to_owned()
     }
 
-    /// Installs what the part needs.
+    /// Installs what the part needs; of [`Native`](Self::Native), what it is compiled with, and the rest
+    /// meanwhile: see [`Installing`].
     fn prepare(self) -> Result<()> {
         match self {
             Self::Quick => {
@@ -120,9 +121,7 @@ impl Part {
                 setup::ensure_components()
             }
             Self::Native => {
-                let build = [setup::LINKER, setup::VIDEO, setup::BINUTILS];
-                let tests = [setup::RENDERERS, setup::PYTHON, setup::NETWORKS];
-                setup::ensure(&[build, tests].concat())?;
+                setup::ensure(&[setup::LINKER, setup::VIDEO, setup::BINUTILS])?;
                 setup::ensure_components()
             }
             Self::Arm => {
@@ -177,11 +176,18 @@ impl Part {
         }
     }
 
-    /// Runs the part; beside the tests on this machine, `ahead` is built.
-    fn run(self, journal: &mut Journal, arguments: &Arguments, ahead: &[Self]) -> Result<()> {
+    /// Runs the part. While this machine's programs are compiled, `later` is prepared, and beside their
+    /// tests `ahead` is built.
+    fn run(
+        self,
+        journal: &mut Journal,
+        arguments: &Arguments,
+        later: &[Self],
+        ahead: &[Self],
+    ) -> Result<()> {
         match self {
             Self::Quick => quick(journal),
-            Self::Native => native(journal, ahead),
+            Self::Native => native(journal, later, ahead)?,
             Self::Arm => arm(journal, arguments.all)?,
             Self::Armhf => armhf(journal)?,
             Self::BareMetal => bare_metal(journal, arguments.document()),
@@ -220,7 +226,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     // What a later part lacks should be known before an earlier one takes its minutes.
     setup::ensure_disk(&target_directory(), parts.iter().map(|part| part.disk_mb()).sum())?;
-    for part in parts {
+    let native = parts.iter().position(|part| *part == Part::Native);
+    let (at_once, later) = parts.split_at(native.map_or(parts.len(), |at| at + 1));
+    for part in at_once {
         part.prepare()?;
     }
     let mut journal = Journal::begin()?;
@@ -236,7 +244,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         is_ahead |= is_due && (*part == Part::Native || Part::FOR_OTHERS.contains(part));
         let beside = if is_due { left } else { &[] };
         journal.part = part.word();
-        part.run(&mut journal, arguments, beside)?;
+        part.run(&mut journal, arguments, later, beside)?;
     }
     journal.notices.extend(toolchain::notice());
     if [Part::Arm, Part::Boot].iter().any(|part| parts.contains(part)) {
@@ -294,11 +302,44 @@ fn recordings(journal: &mut Journal) -> Option<PathBuf> {
     directory
 }
 
+/// What is downloaded and unpacked while this machine's programs are compiled.
+struct Installing(JoinHandle<Result<Vec<CannotBeHad>>>);
+
+/// Third-party software that could not be installed, and why. Without it everything else still counts.
+type CannotBeHad = (&'static str, anyhow::Error);
+
+/// How [`CannotBeHad`] tells of other people's readers of the files.
+const OTHER_READERS: &str = "other people's readers";
+
+impl Installing {
+    /// What the tests on this machine need, and these parts.
+    fn begin(parts: &[Part]) -> Self {
+        let parts = parts.to_vec();
+        Self(thread::spawn(move || {
+            setup::ensure(&[setup::RENDERERS, setup::PYTHON, setup::NETWORKS])?;
+            for part in parts {
+                part.prepare()?;
+            }
+            let others = [
+                (OTHER_READERS, READERS.prepare()),
+                // Ubuntu has it only as a snap, which apt does not install.
+                ("a browser", setup::ensure(&[setup::BROWSER])),
+                ("a broker", setup::ensure(&[setup::BROKER])),
+            ];
+            Ok(others.into_iter().filter_map(|(what, done)| Some((what, done.err()?))).collect())
+        }))
+    }
+
+    /// Waits until it is there; what could not be had.
+    fn end(self) -> Result<Vec<CannotBeHad>> {
+        self.0.join().expect("it does not panic")
+    }
+}
+
 /// The tests on this machine. Most of them wait for sockets and for clocks, so that beside them the
 /// processor has time for what is compiled only to be looked at, and for what `ahead` needs.
-fn native(journal: &mut Journal, ahead: &[Part]) {
-    // A download, in parallel with compiling.
-    let python = thread::spawn(|| READERS.prepare());
+fn native(journal: &mut Journal, later: &[Part], ahead: &[Part]) -> Result<()> {
+    let installing = Installing::begin(later);
     format(journal);
     dependencies(journal);
     // With all targets, although the tests come later: otherwise dependencies would be rebuilt for
@@ -307,16 +348,14 @@ fn native(journal: &mut Journal, ahead: &[Part]) {
     let built = journal.check("build", || Task::cargo().args(build).run());
     let programs = target_directory().join("debug");
     journal.programs = built.then(|| programs.clone());
-    if built && let Some(recordings) = recordings(journal) {
+    let recordings = if built { recordings(journal) } else { None };
+    let cannot_be_had = installing.end()?;
+    for (what, error) in &cannot_be_had {
+        journal.cannot_be_had(what, error);
+    }
+    if let Some(recordings) = recordings {
         say_where_the_data_are();
-        // Ubuntu has it only as a snap, which apt does not install.
-        if let Err(error) = setup::ensure(&[setup::BROWSER]) {
-            journal.cannot_be_had("a browser", &error);
-        }
-        if let Err(error) = setup::ensure(&[setup::BROKER]) {
-            journal.cannot_be_had("a broker", &error);
-        }
-        let has_readers = readers(journal, python.join().expect("it does not panic"));
+        let has_readers = cannot_be_had.iter().all(|(what, _)| *what != OTHER_READERS);
         let cargo = || {
             let task = Task::cargo()
                 .env(PROGRAMS, &programs.to_string_lossy())
@@ -337,24 +376,22 @@ fn native(journal: &mut Journal, ahead: &[Part]) {
         }
         journal.suite_beside("tests", &suite, beside);
     }
+    Ok(())
 }
 
 /// The packages that ship on ARM; the tests in `tests/core` read rendered frames.
-const SHIPPED: &[&str] = &[
-    "--package",
-    "plumbline",
-    "--package",
-    "plumbline-board",
-    "--package",
-    "plumbline-core-tests",
-    "--lib",
-    "--bins",
-    "--tests",
-];
+const SHIPPED: [&str; 3] = ["plumbline", "plumbline-board", "plumbline-core-tests"];
+
+/// The selection of their tests, and how they are compiled.
+fn shipped() -> Vec<String> {
+    let packages = SHIPPED.map(|package| format!("--package={package}"));
+    let targets = ["--lib", "--bins", "--tests"].map(str::to_owned);
+    packages.into_iter().chain(targets).chain(image::Profile::Dev.arguments()).collect()
+}
 
 /// The tests of what ships on the box's processor, or all tests. Programs that they start also run
 /// through QEMU. They are built as what the boot tests put into the images is, so that the two
-/// share what they compile.
+/// share what they compile; all tests as on this machine, on which arithmetic is checked.
 fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     let toolchain = Target::Aarch64.toolchain()?;
     let Some(recordings) = recordings(journal) else { return Ok(()) };
@@ -370,7 +407,9 @@ fn arm(journal: &mut Journal, all: bool) -> Result<()> {
             .env(RECORDINGS, &recordings.to_string_lossy());
         with_readers(task, has_readers)
     };
-    let selection = if all { &["--workspace"] } else { SHIPPED };
+    let shipped = shipped();
+    let shipped: Vec<&str> = shipped.iter().map(String::as_str).collect();
+    let selection = if all { &["--workspace"] } else { &shipped[..] };
     if all {
         say_where_the_data_are();
         let build = ["build", "--workspace", "--all-targets"];
@@ -396,7 +435,7 @@ fn arm(journal: &mut Journal, all: bool) -> Result<()> {
 /// package index cannot be reached, everything else still counts.
 fn readers(journal: &mut Journal, prepared: Result<()>) -> bool {
     if let Err(error) = &prepared {
-        journal.cannot_be_had("other people's readers", error);
+        journal.cannot_be_had(OTHER_READERS, error);
     }
     prepared.is_ok()
 }

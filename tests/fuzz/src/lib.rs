@@ -5,9 +5,9 @@
 //! laws it has and what its inputs mean. What is stored lies beside this crate:
 //!
 //! ```text
-//! corpus/TARGET/   inputs that together reach all the code that has been reached so far, minimised
-//! finds/TARGET/    inputs for which a law did not hold once
-//! runner/          the programs that libFuzzer runs, one for each target
+//! corpus/TARGET.txt   inputs that together reach all the code that has been reached so far, minimised
+//! finds/TARGET/       inputs for which a law did not hold once
+//! runner/             the programs that libFuzzer runs, one for each target
 //! ```
 
 mod camera;

@@ -13,10 +13,10 @@ use plumbline_test_support::{command, fuzz, mutations, root};
 const VERSIONS: usize = 12;
 
 /// A larger input costs every later run its time.
-const STORED_BYTES_MAX: u64 = 8 << 10;
+const STORED_BYTES_MAX: usize = 8 << 10;
 
 /// Of all stored inputs together.
-const ALL_BYTES_MAX: u64 = 400 << 10;
+const ALL_BYTES_MAX: usize = 400 << 10;
 
 /// The files below a directory; none where there is none.
 fn files(directory: &Path) -> Vec<PathBuf> {
@@ -24,6 +24,21 @@ fn files(directory: &Path) -> Vec<PathBuf> {
     let mut files: Vec<_> = entries.map(|entry| entry.expect("an entry").path()).collect();
     files.sort();
     files
+}
+
+/// The stored inputs of a target, each with where it is.
+fn stored(name: &str) -> Vec<(String, Vec<u8>)> {
+    let mut stored = Vec::new();
+    let corpus = directory().join("corpus").join(name).with_extension("txt");
+    if let Ok(text) = fs::read_to_string(&corpus) {
+        let inputs = fuzz::inputs_of(&text).expect("lines of hexadecimal digits");
+        let place = |line| format!("{}:{line}", corpus.display());
+        stored.extend((1..).zip(inputs).map(|(line, input)| (place(line), input)));
+    }
+    for path in files(&directory().join("finds").join(name)) {
+        stored.push((path.display().to_string(), fs::read(&path).expect("a stored input")));
+    }
+    stored
 }
 
 fn holds(name: &str) {
@@ -35,16 +50,13 @@ fn holds(name: &str) {
             (target.check)(&damaged);
         }
     }
-    let mut stored = 0;
-    for kind in ["corpus", "finds"] {
-        for path in files(&directory().join(kind).join(name)) {
-            // A panic below is told with the last file that was named.
-            println!("{}", path.display());
-            (target.check)(&fs::read(&path).expect("a stored input"));
-            stored += 1;
-        }
+    let stored = stored(name);
+    for (place, input) in &stored {
+        // A panic below is told with the last place that was named.
+        println!("{place}");
+        (target.check)(input);
     }
-    println!("{name}: {} seeds and {stored} stored inputs", seeds.len());
+    println!("{name}: {} seeds and {} stored inputs", seeds.len(), stored.len());
 }
 
 macro_rules! targets {
@@ -95,9 +107,8 @@ fn every_target_is_known_everywhere() {
     let programs = programs.filter_map(|it| it.strip_suffix(".rs\"")).map(str::to_owned);
     assert_eq!(laws, programs.collect(), "as programs");
     for kind in ["corpus", "finds"] {
-        let folders = files(&directory().join(kind));
-        for folder in folders {
-            let name = folder.file_name().expect("a name").to_string_lossy().into_owned();
+        for path in files(&directory().join(kind)) {
+            let name = path.file_stem().expect("a name").to_string_lossy().into_owned();
             assert!(laws.contains(&name), "{kind}/{name} belongs to no target");
         }
     }
@@ -129,12 +140,9 @@ fn what_is_fuzzed_is_what_is_used() {
 #[test]
 fn what_is_stored_is_small() {
     let mut all = 0;
-    for kind in ["corpus", "finds"] {
-        for path in files(&directory().join(kind)).iter().flat_map(|folder| files(folder)) {
-            let bytes = fs::metadata(&path).expect("a file").len();
-            assert!(bytes <= STORED_BYTES_MAX, "{}: {bytes} bytes", path.display());
-            all += bytes;
-        }
+    for (place, input) in TARGETS.iter().flat_map(|target| stored(target.name)) {
+        assert!(input.len() <= STORED_BYTES_MAX, "{place}: {} bytes", input.len());
+        all += input.len();
     }
     assert!(all <= ALL_BYTES_MAX, "{all} bytes are stored");
 }

@@ -1,4 +1,6 @@
-//! The targets of `cargo xtask fuzz`, for the command and for the laws that it tries.
+//! The targets of `cargo xtask fuzz` and their stored inputs, for the command and for the laws that it tries.
+
+use std::fmt::Write as _;
 
 /// Names the directory into which a target's program writes its seeds before it begins.
 pub const SEEDS: &str = "PLUMBLINE_FUZZ_SEEDS";
@@ -73,3 +75,47 @@ pub const TARGETS: [FuzzTarget; 9] = [
         input_s_max: 30,
     },
 ];
+
+/// The text of stored inputs: a line of hexadecimal digits for each, the shortest first.
+#[must_use]
+pub fn text_of(mut inputs: Vec<Vec<u8>>) -> String {
+    inputs.sort_by(|a, b| (a.len(), a).cmp(&(b.len(), b)));
+    let mut text = String::new();
+    for input in inputs {
+        for byte in input {
+            // Writing to a string never fails.
+            let _ = write!(text, "{byte:02x}");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// The inputs of such a text; `None` for another one.
+#[must_use]
+pub fn inputs_of(text: &str) -> Option<Vec<Vec<u8>>> {
+    let byte = |digits: &[u8]| match digits {
+        [b'0'..=b'9' | b'a'..=b'f', b'0'..=b'9' | b'a'..=b'f'] => {
+            u8::from_str_radix(std::str::from_utf8(digits).ok()?, 16).ok()
+        }
+        _ => None,
+    };
+    text.lines().map(|line| line.as_bytes().chunks(2).map(byte).collect()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_come_back_from_their_text_and_what_is_none_is_refused() {
+        let inputs = vec![vec![], vec![0x0a], vec![0xff], (0..=255).collect()];
+        let text = text_of(inputs.iter().rev().cloned().collect());
+        assert!(text.starts_with("\n0a\nff\n0001"), "{text}");
+        assert_eq!(inputs_of(&text), Some(inputs));
+        assert_eq!(inputs_of(""), Some(Vec::new()));
+        for other in ["0", "0a0", "+1", "0A", "xy", "ä"] {
+            assert_eq!(inputs_of(other), None, "{other}");
+        }
+    }
+}

@@ -7,22 +7,21 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
-use plumbline_test_support::fuzz::SEEDS;
+use plumbline_test_support::fuzz::{SEEDS, text_of};
 
 use super::{Place, emptied};
 
 /// A stored input has at most this many bytes: each run of the tests tries all of them.
-const INPUT_BYTES_MAX: u64 = 8 << 10;
+const INPUT_BYTES_MAX: usize = 8 << 10;
 
 /// The stored inputs of a target have at most this many together.
-const CORPUS_BYTES_MAX: u64 = 40 << 10;
+const CORPUS_BYTES_MAX: usize = 40 << 10;
 
 /// Replaces the stored corpus of a target by what it and the runs have, minimised.
 pub fn minimise(place: &Place) -> Result<()> {
-    let (corpus, stored, seeds) = (place.of("corpus"), place.stored(), place.of("seeds"));
-    for directory in [&corpus, &stored] {
-        fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
-    }
+    let (corpus, seeds) = (place.of("corpus"), place.of("seeds"));
+    fs::create_dir_all(&corpus).with_context(|| corpus.display().to_string())?;
+    let stored = place.unpacked()?;
     emptied(&seeds)?;
     let merging = place.of("merging");
     emptied(&merging)?;
@@ -44,20 +43,14 @@ pub fn minimise(place: &Place) -> Result<()> {
         reaching_more(&text).context("libFuzzer's account of a merge is not as known")?;
     let mut inputs = BTreeSet::new();
     for path in reaching.into_iter().filter(|path| !path.starts_with(&seeds)) {
-        let bytes = fs::metadata(&path).with_context(|| path.display().to_string())?.len();
-        let kept = merging.join(path.file_name().context("an input without a name")?);
-        fs::copy(&path, &kept).with_context(|| path.display().to_string())?;
-        inputs.insert((bytes, kept));
+        inputs.insert(fs::read(&path).with_context(|| path.display().to_string())?);
     }
-    let count = inputs.len();
+    let all = inputs.len();
     let chosen = chosen(inputs.into_iter().collect());
-    emptied(&stored)?;
-    for (_, path) in &chosen {
-        let name = path.file_name().context("an input without a name")?;
-        fs::copy(path, stored.join(name)).with_context(|| path.display().to_string())?;
-    }
-    let bytes: u64 = chosen.iter().map(|(bytes, _)| bytes).sum();
-    println!("{}: {} of {count} inputs are stored, {bytes} bytes", place.target.name, chosen.len());
+    let (count, bytes) = (chosen.len(), chosen.iter().map(Vec::len).sum::<usize>());
+    let file = place.stored();
+    fs::write(&file, text_of(chosen)).with_context(|| file.display().to_string())?;
+    println!("{}: {count} of {all} inputs are stored, {bytes} bytes", place.target.name);
     Ok(())
 }
 
@@ -96,12 +89,13 @@ fn reaching_more(account: &str) -> Option<Vec<PathBuf>> {
 }
 
 /// The smallest inputs, as many as there is room for.
-fn chosen(mut inputs: Vec<(u64, PathBuf)>) -> Vec<(u64, PathBuf)> {
-    inputs.sort();
+fn chosen(mut inputs: Vec<Vec<u8>>) -> Vec<Vec<u8>> {
+    inputs.sort_by_key(Vec::len);
     let mut room = CORPUS_BYTES_MAX;
-    inputs.retain(|(bytes, _)| {
-        let fits = *bytes <= INPUT_BYTES_MAX.min(room);
-        room -= if fits { *bytes } else { 0 };
+    inputs.retain(|input| {
+        let bytes = input.len();
+        let fits = bytes <= INPUT_BYTES_MAX.min(room);
+        room -= if fits { bytes } else { 0 };
         fits
     });
     inputs
@@ -124,12 +118,12 @@ mod tests {
 
     #[test]
     fn the_smallest_are_stored_as_far_as_there_is_room() {
-        let input = |bytes: u64| (bytes, PathBuf::from(bytes.to_string()));
+        let input = |bytes: usize| vec![0; bytes];
         let inputs = [9000, 8000, 10, 8001, 8002, 8003, 8004].map(input).to_vec();
-        let sizes: Vec<u64> = chosen(inputs).into_iter().map(|(bytes, _)| bytes).collect();
+        let sizes: Vec<usize> = chosen(inputs).iter().map(Vec::len).collect();
         assert_eq!(sizes, [10, 8000, 8001, 8002, 8003, 8004]);
         let inputs = [10, 8189, 8189, 8190, 8191, 8192, 8192].map(input).to_vec();
-        let sizes: Vec<u64> = chosen(inputs).into_iter().map(|(bytes, _)| bytes).collect();
+        let sizes: Vec<usize> = chosen(inputs).iter().map(Vec::len).collect();
         assert_eq!(sizes, [10, 8189, 8189, 8190, 8191]);
     }
 }

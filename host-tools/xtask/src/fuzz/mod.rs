@@ -14,7 +14,8 @@
 //! target/fuzz/log/T        what libFuzzer has said in it
 //! target/fuzz/seeds/T      the seeds that the target has made
 //! target/fuzz/merging/T    libFuzzer's account of the latest `--minimise`
-//! tests/fuzz/corpus/T      what `--minimise` makes of it for the usual tests
+//! target/fuzz/stored/T     the stored inputs, each as a file
+//! tests/fuzz/corpus/T.txt  the stored inputs, which `--minimise` has chosen for the usual tests
 //! ```
 //!
 //! The files that a target makes are kept in memory where there is room for such: what is written to be
@@ -29,7 +30,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use clap::builder::{PossibleValue, PossibleValuesParser};
-use plumbline_test_support::fuzz::{FuzzTarget, TARGETS};
+use plumbline_test_support::fuzz::{FuzzTarget, TARGETS, inputs_of};
 use tempfile::TempDir;
 
 use crate::command::{BadInput, Task, target_directory};
@@ -92,9 +93,28 @@ impl Place {
         home().join(kind).join(self.target.name)
     }
 
-    /// The stored corpus.
+    /// The file with the stored inputs.
     fn stored(&self) -> PathBuf {
-        crate::command::root().join("tests/fuzz/corpus").join(self.target.name)
+        let corpus = crate::command::root().join("tests/fuzz/corpus");
+        corpus.join(self.target.name).with_extension("txt")
+    }
+
+    /// A directory with the stored inputs, as libFuzzer wants them.
+    fn unpacked(&self) -> Result<PathBuf> {
+        let (directory, file) = (self.of("stored"), self.stored());
+        emptied(&directory)?;
+        let said = || file.display().to_string();
+        let text = match fs::read_to_string(&file) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
+            read => read.with_context(said)?,
+        };
+        let inputs =
+            inputs_of(&text).context("not lines of hexadecimal digits").with_context(said)?;
+        for (number, input) in inputs.iter().enumerate() {
+            let path = directory.join(number.to_string());
+            fs::write(&path, input).with_context(|| path.display().to_string())?;
+        }
+        Ok(directory)
     }
 
     /// Its program, with the arguments and the environment of every run; its files are made in an empty

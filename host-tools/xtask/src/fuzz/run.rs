@@ -28,7 +28,8 @@ const ENDS_WITHIN: Duration = Duration::from_secs(60);
 /// Tries a target for this time, or until it is over.
 pub fn run(place: &Place, limit: Duration, is_over: &AtomicBool) -> Result<Tally> {
     let (corpus, seeds, finds) = (place.of("corpus"), place.of("seeds"), place.of("finds"));
-    for directory in [&corpus, &finds, &place.stored()] {
+    let stored = place.unpacked()?;
+    for directory in [&corpus, &finds] {
         fs::create_dir_all(directory).with_context(|| directory.display().to_string())?;
     }
     emptied(&seeds)?;
@@ -46,7 +47,7 @@ pub fn run(place: &Place, limit: Duration, is_over: &AtomicBool) -> Result<Tally
             .task()?
             .args([format!("-max_total_time={left}")])
             .args([format!("-artifact_prefix={}/", finds.display())])
-            .args([&corpus, &place.stored(), &seeds])
+            .args([&corpus, &stored, &seeds])
             .env(SEEDS, &seeds.to_string_lossy())
             // To look up the names of its functions takes so long that a failure would be told as an
             // input that takes too long; `--input` tells them.

@@ -221,7 +221,7 @@ pub fn prepare() -> Result<()> {
 /// Installs what the tests need in addition.
 pub fn prepare_for_tests() -> Result<()> {
     // Separately, because a package that cannot be installed beside others would hold up the rest.
-    setup::ensure(&[emulated_pi::NEEDS, UNPACKING])?;
+    setup::ensure(&[emulated_pi::NEEDS, UNPACKING, LIBCAMERA_NEEDS])?;
     setup::ensure(&[setup::QEMU_SYSTEM])?;
     prepare()
 }
@@ -245,7 +245,7 @@ impl Profile {
     }
 
     /// What cargo is told besides the profile's name.
-    fn arguments(self) -> Vec<String> {
+    pub fn arguments(self) -> Vec<String> {
         let unchecked = |package| {
             ["overflow-checks", "debug-assertions"]
                 .map(|check| format!("--config=profile.dev.package.{package}.{check}=false"))

@@ -7,7 +7,7 @@
 
 use std::path::PathBuf;
 
-use super::{ARMHF, Part, SHIPPED, recordings};
+use super::{ARMHF, Part, recordings, shipped};
 use crate::command::{Job, run_beside_each_other};
 use crate::cross::{Linking, Target};
 use crate::image::{self, DebianRoot, Profile};
@@ -35,7 +35,7 @@ pub fn jobs(parts: &[Part], recordings: PathBuf) -> Vec<Job<'static>> {
             if has_arm {
                 let debian = DebianRoot::for_checks()?;
                 let cargo = Target::Aarch64.toolchain()?.cargo(Linking::Root(debian.path()));
-                cargo.args(BUILD).args(SHIPPED).run()?;
+                cargo.args(BUILD).args(shipped()).run()?;
             }
             if has_boot { image::build_ahead(Profile::Dev) } else { Ok(()) }
         }));
