@@ -303,13 +303,15 @@ fn recordings(journal: &mut Journal) -> Option<PathBuf> {
 }
 
 /// What is downloaded and unpacked while this machine's programs are compiled.
-struct Installing(JoinHandle<Result<Vec<CannotBeHad>>>);
+struct Installing(JoinHandle<Result<ThirdParty>>);
 
-/// Third-party software that could not be installed, and why. Without it everything else still counts.
-type CannotBeHad = (&'static str, anyhow::Error);
-
-/// How [`CannotBeHad`] tells of other people's readers of the files.
-const OTHER_READERS: &str = "other people's readers";
+/// Third-party software that the tests try the project's files and messages with. What of it cannot be
+/// installed is told in the end, and everything else still counts.
+struct ThirdParty {
+    readers: Result<()>,
+    browser: Result<()>,
+    broker: Result<()>,
+}
 
 impl Installing {
     /// What the tests on this machine need, and these parts.
@@ -320,18 +322,17 @@ impl Installing {
             for part in parts {
                 part.prepare()?;
             }
-            let others = [
-                (OTHER_READERS, READERS.prepare()),
+            Ok(ThirdParty {
+                readers: READERS.prepare(),
                 // Ubuntu has it only as a snap, which apt does not install.
-                ("a browser", setup::ensure(&[setup::BROWSER])),
-                ("a broker", setup::ensure(&[setup::BROKER])),
-            ];
-            Ok(others.into_iter().filter_map(|(what, done)| Some((what, done.err()?))).collect())
+                browser: setup::ensure(&[setup::BROWSER]),
+                broker: setup::ensure(&[setup::BROKER]),
+            })
         }))
     }
 
-    /// Waits until it is there; what could not be had.
-    fn end(self) -> Result<Vec<CannotBeHad>> {
+    /// Waits until it is there.
+    fn end(self) -> Result<ThirdParty> {
         self.0.join().expect("it does not panic")
     }
 }
@@ -349,13 +350,12 @@ fn native(journal: &mut Journal, later: &[Part], ahead: &[Part]) -> Result<()> {
     let programs = target_directory().join("debug");
     journal.programs = built.then(|| programs.clone());
     let recordings = if built { recordings(journal) } else { None };
-    let cannot_be_had = installing.end()?;
-    for (what, error) in &cannot_be_had {
-        journal.cannot_be_had(what, error);
-    }
+    let ThirdParty { readers, browser, broker } = installing.end()?;
+    let has_readers = is_there(journal, "other people's readers", readers);
+    is_there(journal, "a browser", browser);
+    is_there(journal, "a broker", broker);
     if let Some(recordings) = recordings {
         say_where_the_data_are();
-        let has_readers = cannot_be_had.iter().all(|(what, _)| *what != OTHER_READERS);
         let cargo = || {
             let task = Task::cargo()
                 .env(PROGRAMS, &programs.to_string_lossy())
@@ -398,8 +398,8 @@ fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     let debian = DebianRoot::for_checks()?;
     let linking = Linking::Root(debian.path());
     let programs = toolchain.programs(linking, "debug");
-    let has_readers =
-        all && readers(journal, setup::ensure(&[setup::PYTHON]).and_then(|()| READERS.prepare()));
+    let readers = || setup::ensure(&[setup::PYTHON]).and_then(|()| READERS.prepare());
+    let has_readers = all && is_there(journal, "other people's readers", readers());
     let cargo = || {
         let task = toolchain
             .cargo(linking)
@@ -431,13 +431,13 @@ fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     Ok(())
 }
 
-/// Whether other people's readers of the files could be prepared. They are a second opinion: if the
-/// package index cannot be reached, everything else still counts.
-fn readers(journal: &mut Journal, prepared: Result<()>) -> bool {
-    if let Err(error) = &prepared {
-        journal.cannot_be_had(OTHER_READERS, error);
+/// Whether third-party software could be installed. It is a second opinion: if an index of packages cannot
+/// be reached, everything else still counts.
+fn is_there(journal: &mut Journal, what: &str, installed: Result<()>) -> bool {
+    if let Err(error) = &installed {
+        journal.cannot_be_had(what, error);
     }
-    prepared.is_ok()
+    installed.is_ok()
 }
 
 /// Tells the tests which Python has the readers.

@@ -30,11 +30,11 @@ fn files(directory: &Path) -> Vec<PathBuf> {
 fn stored(name: &str) -> Vec<(String, Vec<u8>)> {
     let mut stored = Vec::new();
     let corpus = directory().join("corpus").join(name).with_extension("txt");
-    if let Ok(text) = fs::read_to_string(&corpus) {
-        let inputs = fuzz::inputs_of(&text).expect("lines of hexadecimal digits");
-        let place = |line| format!("{}:{line}", corpus.display());
-        stored.extend((1..).zip(inputs).map(|(line, input)| (place(line), input)));
-    }
+    // Each target has one, be it empty: a lost one would be no test, and no failure.
+    let text = fs::read_to_string(&corpus).expect("a file of stored inputs");
+    let inputs = fuzz::inputs_of(&text).expect("lines of hexadecimal digits");
+    let place = |line| format!("{}:{line}", corpus.display());
+    stored.extend((1..).zip(inputs).map(|(line, input)| (place(line), input)));
     for path in files(&directory().join("finds").join(name)) {
         stored.push((path.display().to_string(), fs::read(&path).expect("a stored input")));
     }
