@@ -76,8 +76,7 @@ impl Timing {
     pub fn frame(&mut self, arrival_ns: u64, packet: &PosePacket) {
         self.first_frame_ns.get_or_insert(arrival_ns);
         self.is_replay |= packet.instant == MarkedInstant::Recording;
-        let left_ns = packet.capture_time_ns.wrapping_add(1000 * u64::from(packet.latency_us));
-        self.soonest.take(arrival_ns.wrapping_sub(left_ns).cast_signed());
+        self.soonest.take(arrival_ns.wrapping_sub(packet.handed_over_ns()).cast_signed());
     }
 
     /// Whether what is there suffices to place frames.

@@ -20,23 +20,23 @@ pub struct Run {
     clock: SessionClock,
 }
 
-/// When a frame's packet came, by this computer's clock, and when the frame was captured, by the
-/// box's.
+/// When a frame's packet came, by this computer's clock; when the frame was captured and when the packet left,
+/// by the box's.
 #[derive(Debug, Clone, Copy)]
 struct Arrival {
     host_ns: u64,
     capture_ns: u64,
+    left_ns: u64,
 }
 
 impl Arrival {
-    /// The delay of the packet, plus a constant: the difference of the two clocks.
-    fn delay_ns(&self) -> i64 {
-        self.host_ns.wrapping_sub(self.capture_ns).cast_signed()
+    /// The time under way, plus a constant: the difference of the two clocks.
+    fn way_ns(&self) -> i64 {
+        self.host_ns.wrapping_sub(self.left_ns).cast_signed()
     }
 }
 
-/// Bound of a frame's delay where no answer measures it: exposure, read-out, tracking, link, and a
-/// margin.
+/// Bound of what a packet is under way where no answer measures it: a slow serial line, and a margin.
 const UNKNOWN_DELAY_S: f64 = 0.1;
 
 /// Of the frames that arrive this shortly before or after a moment, one arrives without having
@@ -47,7 +47,11 @@ impl Run {
     /// A frame has come.
     pub fn frame(&mut self, frame: &Frame) {
         let Frame { arrival_ns, packet, clock, .. } = frame;
-        self.arrivals.push(Arrival { host_ns: *arrival_ns, capture_ns: packet.capture_time_ns });
+        self.arrivals.push(Arrival {
+            host_ns: *arrival_ns,
+            capture_ns: packet.capture_time_ns,
+            left_ns: packet.handed_over_ns(),
+        });
         self.is_replay |= packet.instant == MarkedInstant::Recording;
         self.clock = *clock;
     }
@@ -111,21 +115,20 @@ impl Run {
         if let Some(relation) = self.relation() {
             return Some(relation.box_ns_since(host_ns, first_ns));
         }
-        // Without an answer of the box, the least delayed frame is taken as not delayed: in truth
-        // it took some milliseconds, which nothing measures. Others have also waited while a
-        // computer was busy.
+        // Without an answer of the box, the packet that was least under way is taken as not delayed: in truth
+        // it took a moment, which nothing measures. Others have also waited while a computer was busy.
         let soonest = self.soonest(host_ns)?;
-        let to_soonest_ns = soonest.capture_ns.wrapping_sub(first_ns).cast_signed();
+        let to_soonest_ns = soonest.left_ns.wrapping_sub(first_ns).cast_signed();
         Some(to_soonest_ns as f64 + (host_ns as f64 - soonest.host_ns as f64))
     }
 
-    /// The least delayed frame of those that came near this moment or, where none did, the
+    /// Of the frames that came near this moment, the one that was least under way or, where none came, the
     /// nearest.
     fn soonest(&self, host_ns: u64) -> Option<Arrival> {
         let from = |host_ns: u64| self.arrivals.partition_point(|it| it.host_ns < host_ns);
         let near = from(host_ns.saturating_sub(NEAR_NS))..from(host_ns.saturating_add(NEAR_NS));
         let near = self.arrivals.get(near).unwrap_or_default();
-        if let Some(soonest) = near.iter().min_by_key(|it| it.delay_ns()) {
+        if let Some(soonest) = near.iter().min_by_key(|it| it.way_ns()) {
             return Some(*soonest);
         }
         let after = from(host_ns);
@@ -157,7 +160,12 @@ mod tests {
 
     const SECOND_NS: u64 = 1_000_000_000;
 
-    /// Ten seconds at 50 Hz, each frame under way for this long; the box's clock is behind by an
+    /// How long the box tracks a frame.
+    fn tracked_ms(number: u64) -> u64 {
+        3 + number * 7919 % 13
+    }
+
+    /// Ten seconds at 50 Hz, each packet under way for this long; the box's clock is behind by an
     /// hour.
     fn run(way_ms: impl Fn(u64) -> u64) -> Run {
         let mut run = Run::default();
@@ -168,8 +176,10 @@ mod tests {
             if let Message::Pose(pose) = &mut packet.message {
                 pose.capture_time_ns += 4 * SECOND_NS;
                 pose.instant = MarkedInstant::Recording;
-                let way_ns = way_ms(number.into()) * 1_000_000;
-                let host_ns = 3600 * SECOND_NS + pose.capture_time_ns + way_ns;
+                let tracked_ms = tracked_ms(number.into());
+                pose.latency_us = 1000 * tracked_ms as u32;
+                let all_ns = (tracked_ms + way_ms(number.into())) * 1_000_000;
+                let host_ns = 3600 * SECOND_NS + pose.capture_time_ns + all_ns;
                 sessions.take(packet, host_ns);
             }
         }
@@ -197,7 +207,8 @@ mod tests {
         };
         let run = run(way_ms);
         for after_ms in [0, 700, 4000, 9990] {
-            // A frame that nothing held up was under way for 5 ms, which nothing tells.
+            // A packet that nothing held up was under way for 5 ms, which nothing tells; how long its frame was
+            // tracked, it says itself.
             let error_s = time_s(&run, after_ms * 1_000_000) - 1e-3 * after_ms as f64;
             assert!((error_s + 0.005).abs() < 1e-6, "{after_ms} ms: {error_s}");
         }

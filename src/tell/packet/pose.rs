@@ -173,6 +173,13 @@ impl PosePacket {
         self.targets.iter().find(|target| target.role == role)?.pose.as_ref().ok()
     }
 
+    /// When this packet was handed to the links, on the capture clock. It wraps, as a clock that a stranger
+    /// makes up may do.
+    #[must_use]
+    pub const fn handed_over_ns(&self) -> u64 {
+        self.capture_time_ns.wrapping_add(1000 * self.latency_us as u64)
+    }
+
     /// Whether each number can be that of a measurement in a room. The deviations can: their fixed
     /// point is neither negative nor infinite.
     pub(super) fn is_measurable(&self) -> bool {
