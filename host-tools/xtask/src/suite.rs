@@ -14,7 +14,7 @@ use std::{fs, thread};
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 
-use crate::command::{Job, Task, root, run_beside_each_other};
+use crate::command::{Task, root};
 
 /// Which tests to build and run.
 pub struct Suite<'a> {
@@ -30,7 +30,7 @@ pub struct Suite<'a> {
 
 /// A test program that was built.
 #[derive(Debug, PartialEq, Eq)]
-struct Program {
+pub struct Program {
     path: PathBuf,
     /// The directory of its package, in which it is run.
     package: PathBuf,
@@ -41,26 +41,26 @@ struct Program {
 }
 
 impl Suite<'_> {
-    /// Builds the tests, and runs them and `beside` at the same time; each line that they print is also
-    /// passed to `each_line`. An error if something does not build or a program fails; what comes of
-    /// `beside` is its own affair.
-    pub fn run(&self, beside: Vec<Job<'_>>, mut each_line: impl FnMut(&str)) -> Result<()> {
+    /// Builds the tests.
+    pub fn build(&self) -> Result<Vec<Program>> {
         let build = ["test", "--no-run", "--message-format=json-render-diagnostics"];
         let messages = (self.cargo)().args(build).args(self.selection).run_and_take()?;
-        let programs = programs(&messages)?;
-        let mut failed = thread::scope(|scope| {
-            scope.spawn(|| run_beside_each_other(beside));
-            run_programs(
-                programs,
-                |program| self.task(program),
-                |text| {
-                    for line in text.lines() {
-                        println!("{line}");
-                        each_line(line);
-                    }
-                },
-            )
-        })?;
+        programs(&messages)
+    }
+
+    /// Runs what was built; each line that it prints is also passed to `each_line`. An error if a program
+    /// fails.
+    pub fn run(&self, programs: Vec<Program>, mut each_line: impl FnMut(&str)) -> Result<()> {
+        let mut failed = run_programs(
+            programs,
+            |program| self.task(program),
+            |text| {
+                for line in text.lines() {
+                    println!("{line}");
+                    each_line(line);
+                }
+            },
+        )?;
         if self.with_documentation {
             let task = (self.cargo)().args(["test", "--doc", "--no-fail-fast"]);
             let done = task.args(self.selection).run_and_read(&mut each_line);
@@ -73,7 +73,7 @@ impl Suite<'_> {
     }
 
     /// The task that starts a program as `cargo test` does.
-    fn task(&self, program: &Program) -> Task {
+    pub fn task(&self, program: &Program) -> Task {
         let cargo = (self.cargo)();
         let task = match self.emulator {
             Some(emulator) => Task::new(emulator).args([&program.path]),
@@ -83,6 +83,15 @@ impl Suite<'_> {
         let task = task.current_dir(&program.package).env("CARGO_MANIFEST_DIR", &package);
         // Some tests build programs for the same processor.
         task.with_environment_of(&cargo)
+    }
+}
+
+impl Program {
+    /// The line by which cargo says that it runs it.
+    pub fn heading(&self) -> String {
+        let kind = if self.is_unit { "unittests " } else { "" };
+        let (source, path) = (self.source.display(), shortened(&self.path));
+        format!("     Running {kind}{source} ({})", path.display())
     }
 }
 
@@ -134,11 +143,9 @@ fn run_programs(
         drop(sender);
         for (program, done) in ended {
             let (text, status) = done?;
-            let kind = if program.is_unit { "unittests " } else { "" };
-            let (source, path) = (program.source.display(), shortened(&program.path));
-            show(&format!("     Running {kind}{source} ({})\n{text}", path.display()));
+            show(&format!("{}\n{text}", program.heading()));
             if !status.success() {
-                failed.push(format!("{source} ended with {status}"));
+                failed.push(format!("{} ended with {status}", program.source.display()));
             }
         }
         io::Result::Ok(())

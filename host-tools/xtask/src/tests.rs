@@ -24,6 +24,7 @@ use crate::{agreement, bare, bare_metal, deny, dist, image, setup, toolchain};
 mod ahead;
 mod journal;
 mod named;
+mod processors;
 
 pub use journal::Told;
 use journal::{Check, Journal};
@@ -264,7 +265,9 @@ fn quick(journal: &mut Journal) {
     let cargo = || Task::cargo().env(RECORDINGS, &recordings.to_string_lossy());
     let suite =
         Suite { cargo: &cargo, selection: QUICK, emulator: None, with_documentation: false };
-    journal.suite("tests", &suite);
+    if let Some(programs) = journal.built("build", &suite) {
+        journal.suite("tests", &suite, programs);
+    }
 }
 
 fn format(journal: &mut Journal) {
@@ -337,8 +340,8 @@ impl Installing {
     }
 }
 
-/// The tests on this machine. Most of them wait for sockets and for clocks, so that beside them the
-/// processor has time for what is compiled only to be looked at, and for what `ahead` needs.
+/// The tests on this machine. Many of them wait for sockets and for clocks, so that beside them the
+/// processor has time for what `ahead` needs.
 fn native(journal: &mut Journal, later: &[Part], ahead: &[Part]) -> Result<()> {
     let installing = Installing::begin(later);
     format(journal);
@@ -368,13 +371,21 @@ fn native(journal: &mut Journal, later: &[Part], ahead: &[Part]) -> Result<()> {
             emulator: None,
             with_documentation: true,
         };
+        let Some(programs) = journal.built("build tests", &suite) else { return Ok(()) };
+        let check = |name, run| Check { part: journal.part.clone(), name, run };
+        let lint = check("lint", Box::new(lint));
         let jobs = ahead::jobs(ahead, recordings.clone());
-        let mut beside = vec![Check { name: "lint", run: Box::new(lint) }];
+        let mut beside = Vec::new();
         if !jobs.is_empty() {
-            let run = Box::new(|| run_beside_each_other(jobs));
-            beside.push(Check { name: "build ahead", run });
+            beside.push(check("build ahead", Box::new(|| run_beside_each_other(jobs))));
         }
-        journal.suite_beside("tests", &suite, beside);
+        // An emulated box waits for its camera, but tests here want all of the processor.
+        if later.contains(&Part::Boot) {
+            journal.left.push(lint)
+        } else {
+            beside.push(lint)
+        }
+        journal.beside(beside, |journal| journal.suite("tests", &suite, programs));
     }
     Ok(())
 }
@@ -423,7 +434,9 @@ fn arm(journal: &mut Journal, all: bool) -> Result<()> {
         emulator: Some(toolchain.emulator()),
         with_documentation: all,
     };
-    journal.suite("tests", &suite);
+    if let Some(programs) = journal.built("build tests", &suite) {
+        journal.suite("tests", &suite, programs);
+    }
     let native = journal.programs.clone();
     journal.check("agreement", || {
         agreement::check(native.as_deref(), &toolchain, linking, &recordings)
@@ -457,7 +470,9 @@ fn armhf(journal: &mut Journal) -> Result<()> {
         emulator: Some(toolchain.emulator()),
         with_documentation: false,
     };
-    journal.suite("tests", &suite);
+    if let Some(programs) = journal.built("build", &suite) {
+        journal.suite("tests", &suite, programs);
+    }
     Ok(())
 }
 
@@ -473,7 +488,7 @@ fn bare_metal(journal: &mut Journal, document: Document) {
 
 /// Of the whole workspace, so that what it uses has the features, and so the builds, of the other
 /// tests.
-const BOOT_TESTS: [&str; 5] = ["test", "--workspace", "--test", "boot", "--"];
+const BOOT_TESTS: [&str; 3] = ["--workspace", "--test", "boot"];
 
 /// A box that is watched as at the bedside, by programs that want a processor core of their own. With
 /// another machine beside it, it would be too slow for its camera.
@@ -483,29 +498,42 @@ const ALONE: &str = "first_trial::from_a_printed_sheet_to_the_sway_of_a_person";
 pub fn boot_with_camera() -> Result<Task> {
     let images = image::make_for_tests(image::Profile::Release)?;
     let name = "poses::a_camera_is_tracked_over_both_links_as_well_as_here";
-    let test = [&BOOT_TESTS[..], &["--nocapture", "--exact", name]].concat();
-    Ok(Task::cargo().args(test).env(IMAGES, &images.to_string_lossy()))
+    let how = ["--", "--nocapture", "--exact", name];
+    let task = Task::cargo().args(["test"]).args(BOOT_TESTS).args(how);
+    Ok(task.env(IMAGES, &images.to_string_lossy()))
 }
 
-/// Boots the box and observes it from outside, on two machines at a time, since each keeps one
-/// processor core busy; and on one [`ALONE`].
+/// Boots the box and observes it from outside, on two machines at a time, since each keeps most of a
+/// processor core busy; and on one [`ALONE`]. Beside them runs what was left for that.
 fn boot(journal: &mut Journal) {
     let mut images = PathBuf::new();
     let made = journal.check("images", || {
         images = image::make_for_tests(image::Profile::Dev)?;
         Ok(())
     });
-    if made {
+    let environment = [(IMAGES, images), (SKIPS, journal.skips.clone())];
+    let cargo = || {
+        let set =
+            |task: Task, (name, path): &(&str, PathBuf)| task.env(name, &path.to_string_lossy());
+        environment.iter().fold(Task::cargo(), set)
+    };
+    let suite =
+        Suite { cargo: &cargo, selection: &BOOT_TESTS, emulator: None, with_documentation: false };
+    let programs = if made { journal.built("build tests", &suite) } else { None };
+    let left = std::mem::take(&mut journal.left);
+    journal.beside(left, |journal| {
+        let Some(program) = programs.iter().flatten().next() else { return };
         for (name, how) in [
             ("tests", ["--test-threads=2", "--skip", ALONE].as_slice()),
             ("first trial", ["--test-threads=1", "--exact", ALONE].as_slice()),
         ] {
-            let test = [&BOOT_TESTS[..], &["--nocapture"], how].concat();
-            let task = Task::cargo().args(test).env(IMAGES, &images.to_string_lossy());
-            let task = task.env(SKIPS, &journal.skips.to_string_lossy());
-            journal.tests(name, |each_line| task.run_and_read(each_line));
+            let task = suite.task(program).args(["--nocapture"]).args(how);
+            journal.tests(name, |each_line| {
+                each_line(&program.heading());
+                task.run_and_read(each_line)
+            });
         }
-    }
+    });
 }
 
 /// Tests on photographs are skipped if there are none: says beforehand where to put them.

@@ -3,7 +3,7 @@ use nalgebra::Vector2;
 
 use crate::fit::planar::{SeenCorner, planar_poses};
 use crate::model::pose::vector_from_rotation;
-use crate::test_support::{Random, SeenCorners, bedside_lens, observe};
+use crate::test_support::{Random, SeenCorners, bedside_lens, observe, repetitions};
 
 const LUMBAR: [u8; 2] = [6, 5];
 const SHOULDER: [u8; 2] = [5, 4];
@@ -163,11 +163,12 @@ fn errors_are_as_large_as_the_covariance_says() {
     // The SD of N normals is known to 1 / sqrt(2 N): 0.016 for 2,000. The observed variance counts
     // only beyond its chance deviation, and then as much upwards as downwards; the weights and the
     // spread of that factor add 0.02. So 0.93 to 1.07 is three standard errors from there.
-    for theta in [
+    let thetas = [
         [0.1, 0.3, -0.2, 50.0, -80.0, 1000.0],
         [0.0, 0.6, 0.3, -150.0, 100.0, 700.0],
         [0.2, -0.4, 0.1, 0.0, 150.0, 1500.0],
-    ] {
+    ];
+    for theta in thetas.into_iter().take(repetitions(thetas.len())) {
         for shape in [LUMBAR, SHOULDER] {
             for sigma_px in [0.02, 0.1] {
                 let pose = Pose::from_theta(theta);

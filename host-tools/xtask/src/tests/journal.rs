@@ -3,13 +3,15 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::Mutex;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use plumbline_test_support::{Absent, SKIPS, Skip, read_skips};
 
-use crate::command::{Job, give_way, target_directory};
-use crate::suite::{self, Suite};
+use crate::command::{Job, give_way, run_beside_each_other, target_directory};
+use crate::suite::{self, Program, Suite};
+use crate::tests::processors::Processors;
 
 /// The run failed, and the summary has said how; its count remains the last line.
 #[derive(Debug)]
@@ -24,8 +26,8 @@ impl std::fmt::Display for Told {
 impl std::error::Error for Told {}
 
 /// The steps that have been run so far.
-#[derive(Default)]
 pub struct Journal {
+    processors: Processors,
     /// The part that is being run.
     pub part: String,
     steps: Vec<Step>,
@@ -38,10 +40,14 @@ pub struct Journal {
     lacking: Vec<String>,
     /// What else the user must know in the end; it fails nothing.
     pub notices: Vec<String>,
+    /// Checks that were left to a later part, beside whose tests the processor has time for them.
+    pub left: Vec<Check<'static>>,
 }
 
 /// A check that can be run beside tests.
 pub struct Check<'a> {
+    /// The part that it belongs to.
+    pub part: String,
     /// Its name in the summary.
     pub name: &'static str,
     /// What it runs.
@@ -62,7 +68,21 @@ impl Journal {
     pub fn begin() -> Result<Self> {
         let skips = target_directory().join("skips");
         suite::remove(&skips)?;
-        Ok(Self { skips, ..Self::default() })
+        Ok(Self::of(Vec::new(), skips))
+    }
+
+    fn of(steps: Vec<Step>, skips: PathBuf) -> Self {
+        Self {
+            processors: Processors::watch(),
+            part: String::new(),
+            steps,
+            summaries: Vec::new(),
+            skips,
+            programs: None,
+            lacking: Vec::new(),
+            notices: Vec::new(),
+            left: Vec::new(),
+        }
     }
 
     /// Records what could not be installed: tests that skip for lack of it are excused.
@@ -77,46 +97,66 @@ impl Journal {
         println!("\n== {}: {name}", self.part);
         let start = Instant::now();
         let done = run();
-        self.record(name, start.elapsed(), done)
+        self.record(self.part.clone(), name, start.elapsed(), done)
     }
 
     /// Records a check that was run; returns whether it passed.
-    fn record(&mut self, name: &'static str, took: Duration, done: Result<()>) -> bool {
+    fn record(
+        &mut self,
+        part: String,
+        name: &'static str,
+        took: Duration,
+        done: Result<()>,
+    ) -> bool {
         let failure = done.err().map(|error| format!("{error:#}"));
         if let Some(failure) = &failure {
             println!("{name}: {failure}");
         }
-        let (passed, part) = (failure.is_none(), self.part.clone());
+        let passed = failure.is_none();
         self.steps.push(Step { part, name, took, failure, tests: None, skips: Vec::new() });
         passed
     }
 
-    /// Builds and runs tests, and collects their summaries.
-    pub fn suite(&mut self, name: &'static str, suite: &Suite) {
-        self.suite_beside(name, suite, Vec::new());
+    /// Builds tests; `None` if that fails.
+    pub fn built(&mut self, name: &'static str, suite: &Suite) -> Option<Vec<Program>> {
+        let mut programs = None;
+        self.check(name, || {
+            programs = Some(suite.build()?);
+            Ok(())
+        });
+        programs
     }
 
-    /// The same, and beside them checks that leave the processor to the tests.
-    pub fn suite_beside(&mut self, name: &'static str, suite: &Suite, checks: Vec<Check<'_>>) {
+    /// Runs tests that were built, and collects their summaries.
+    pub fn suite(&mut self, name: &'static str, suite: &Suite, programs: Vec<Program>) {
         let skips = self.skips.to_string_lossy().into_owned();
         let cargo = || (suite.cargo)().env(SKIPS, &skips);
         let suite = Suite { cargo: &cargo, ..*suite };
+        self.tests(name, |each_line| suite.run(programs, each_line));
+    }
+
+    /// Runs tests, and beside them checks that leave the processor to the tests. What cargo builds, the
+    /// tests must have been built before: it would wait until it has been checked.
+    pub fn beside(&mut self, checks: Vec<Check<'_>>, run: impl FnOnce(&mut Self)) {
         let outcomes = Mutex::new(Vec::new());
-        let job = |Check { name, run }| -> Job<'_> {
+        let job = |Check { part, name, run }| -> Job<'_> {
             let outcomes = &outcomes;
             Box::new(move || {
                 give_way();
                 let start = Instant::now();
-                let outcome = (name, run(), start.elapsed());
+                let outcome = (part, name, run(), start.elapsed());
                 outcomes.lock().expect("nobody panics with it").push(outcome);
                 Ok(())
             })
         };
         let jobs = checks.into_iter().map(job).collect();
-        self.tests(name, |each_line| suite.run(jobs, each_line));
-        for (name, done, took) in outcomes.into_inner().expect("nobody panicked with it") {
-            println!("\n== {}: {name}", self.part);
-            self.record(name, took, done);
+        thread::scope(|scope| {
+            scope.spawn(|| run_beside_each_other(jobs));
+            run(self);
+        });
+        for (part, name, done, took) in outcomes.into_inner().expect("nobody panicked with it") {
+            println!("\n== {part}: {name}");
+            self.record(part, name, took, done);
         }
     }
 
@@ -171,7 +211,7 @@ impl Journal {
         for summary in &self.summaries {
             println!("{summary}");
         }
-        print!("\n{}\n{}", self.skipped(), self.table());
+        print!("\n{}\n{}{}\n", self.skipped(), self.table(), self.processors.spent());
         for step in &self.steps {
             if let Some(failure) = &step.failure {
                 println!("{} {}: {failure}", step.part, step.name);
@@ -353,7 +393,7 @@ mod tests {
         let journal = |format: Option<&str>, tests: Option<&str>, passed, failed| {
             let tally = Tally { passed, failed };
             let steps = vec![step("format", format, None), step("tests", tests, Some(tally))];
-            Journal { steps, ..Journal::default() }
+            Journal::of(steps, PathBuf::new())
         };
         let total = |passed, failed| Tally { passed, failed };
         let good = journal(None, None, 10, 0);
@@ -377,7 +417,7 @@ mod tests {
             let mut step = step("tests", None, Some(Tally { passed: 10, failed: 0 }));
             step.skips = vec![skip, again];
             let lacking = lacking.iter().map(|&it| it.to_owned()).collect();
-            Journal { steps: vec![step], lacking, ..Journal::default() }
+            Journal { lacking, ..Journal::of(vec![step], PathBuf::new()) }
         };
         for (absent, lacking, failed) in [
             (Absent::Data, &[][..], 0),
@@ -398,7 +438,7 @@ mod tests {
     #[test]
     fn the_table_has_a_row_per_step_and_the_sum() {
         let steps = vec![step("format", None, None), step("tests", Some("x"), None)];
-        let table = Journal { steps, ..Journal::default() }.table();
+        let table = Journal::of(steps, PathBuf::new()).table();
         assert_eq!(
             table,
             "part        step             seconds\n\
