@@ -21,6 +21,7 @@ use crate::command::Task;
 use crate::commit::Commit;
 use crate::fuzz;
 use crate::generated::Part;
+use crate::tests::Ordeal;
 
 /// The page.
 const PAGE: &str = "tests/evidence.md";
@@ -38,7 +39,8 @@ const HEAD: &str =
 Examples:
   cargo xtask evidence                                  # everything; a night
   cargo xtask evidence fuzz packets link --minutes 60   # these targets; other rows stay as they are
-  cargo xtask evidence endurance")]
+  cargo xtask evidence endurance
+  cargo xtask evidence endurance storing unplugged      # these things of it, in an hour and a quarter")]
 pub struct Arguments {
     /// What to try; everything when left out.
     #[command(subcommand)]
@@ -52,7 +54,7 @@ enum What {
     Fuzz(Fuzz),
     /// A million frames, what goes wrong meanwhile, and power cuts while a box is updated: `cargo xtask
     /// test endurance`.
-    Endurance,
+    Endurance(Endurance),
     /// The sources, changed a little in thousands of ways, against the tests: `cargo xtask mutants`.
     Mutants,
 }
@@ -71,20 +73,28 @@ struct Fuzz {
     jobs: u32,
 }
 
+/// What of it is tried.
+#[derive(Debug, Clone, clap::Args)]
+struct Endurance {
+    /// These things; all when left out.
+    #[arg(value_enum)]
+    ordeals: Vec<Ordeal>,
+}
+
 /// For each target, where nothing else is said.
 const MINUTES: u32 = 60;
 
 impl What {
     fn everything() -> [Self; 3] {
         let fuzz = Fuzz { targets: Vec::new(), minutes: MINUTES, jobs: 1 };
-        [Self::Fuzz(fuzz), Self::Endurance, Self::Mutants]
+        [Self::Fuzz(fuzz), Self::Endurance(Endurance { ordeals: Vec::new() }), Self::Mutants]
     }
 
     /// The name of its part of the page.
     fn part(&self) -> &'static str {
         match self {
             Self::Fuzz(_) => "fuzz",
-            Self::Endurance => "endurance",
+            Self::Endurance(_) => "endurance",
             Self::Mutants => "mutants",
         }
     }
@@ -98,7 +108,11 @@ impl What {
                 let jobs = ["--jobs".to_owned(), jobs.to_string()];
                 [&[word("fuzz")], &targets[..], &bounds, &jobs].concat()
             }
-            Self::Endurance => vec![word("test"), word("endurance")],
+            Self::Endurance(Endurance { ordeals }) => {
+                let names: Vec<&str> = ordeals.iter().map(|it| it.name()).collect();
+                let only = (!names.is_empty()).then(|| format!("--only={}", names.join(",")));
+                [word("test"), word("endurance")].into_iter().chain(only).collect()
+            }
             Self::Mutants => vec![word("mutants")],
         }
     }
@@ -107,7 +121,8 @@ impl What {
     fn is_whole(&self) -> bool {
         match self {
             Self::Fuzz(fuzz) => fuzz.targets.is_empty(),
-            Self::Endurance | Self::Mutants => true,
+            Self::Endurance(Endurance { ordeals }) => ordeals.is_empty(),
+            Self::Mutants => true,
         }
     }
 
@@ -116,7 +131,7 @@ impl What {
         match self {
             // Its rows say how many failures were found; without one nothing was tried.
             Self::Fuzz(_) => None,
-            Self::Endurance | Self::Mutants => Some(Row::new(
+            Self::Endurance(_) | Self::Mutants => Some(Row::new(
                 &format!("cargo xtask {}", self.words().join(" ")),
                 "",
                 &format!("**failed**: {error}"),
@@ -301,7 +316,13 @@ mod tests {
             words("evidence fuzz packets link --minutes 5 --jobs 2"),
             ["fuzz packets link --minutes 5 --jobs 2"]
         );
-        assert!(Line::try_parse_from(["evidence", "fuzz", "nothing"]).is_err());
+        assert_eq!(
+            words("evidence endurance storing unplugged"),
+            ["test endurance --only=storing,unplugged"]
+        );
+        for wrong in [["fuzz", "nothing"], ["endurance", "nothing"]] {
+            assert!(Line::try_parse_from([&["evidence"], &wrong[..]].concat()).is_err());
+        }
     }
 
     #[test]
@@ -310,6 +331,7 @@ mod tests {
         assert!(all.is_whole() && endurance.is_whole() && mutants.is_whole());
         let some = Fuzz { targets: vec!["link".to_owned()], minutes: 1, jobs: 1 };
         assert!(!What::Fuzz(some).is_whole());
+        assert!(!What::Endurance(Endurance { ordeals: vec![Ordeal::Card] }).is_whole());
     }
 
     #[test]

@@ -22,12 +22,14 @@ use crate::suite::Suite;
 use crate::{agreement, bare, bare_metal, deny, dist, image, setup, toolchain};
 
 mod ahead;
+mod endurance;
 mod journal;
 mod named;
 mod processors;
 
+pub use endurance::Ordeal;
+use journal::Journal;
 pub use journal::Told;
-use journal::{Check, Journal};
 
 /// The arguments of `cargo xtask test`.
 #[derive(clap::Args)]
@@ -43,6 +45,9 @@ pub struct Arguments {
     /// comparing them with what it says.
     #[arg(long)]
     write_memory: bool,
+    /// In `endurance`: only these things, separated by commas.
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "WHAT")]
+    only: Vec<Ordeal>,
 }
 
 /// The variable that tells the tests in `tests/boot` where the images are.
@@ -197,7 +202,7 @@ impl Part {
             Self::Long => named::long(journal),
             Self::Dist => named::dist(journal),
             Self::Ward => named::ward(journal),
-            Self::Endurance => named::endurance(journal),
+            Self::Endurance => endurance::endurance(journal, &arguments.only),
             Self::Languages => named::of_python(journal, "languages::", &READERS),
             Self::Cluster => named::of_python(journal, "cluster::", &SPARK),
         }
@@ -219,6 +224,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for (is_given, option, part, why) in [
         (arguments.write_memory, "--write-memory", Part::BareMetal, "measures the stack"),
         (arguments.all, "--all", Part::Arm, "leaves tests out"),
+        (!arguments.only.is_empty(), "--only", Part::Endurance, "consists of such things"),
     ] {
         if is_given && !parts.contains(&part) {
             let part = part.word();
@@ -345,7 +351,6 @@ impl Installing {
 fn native(journal: &mut Journal, later: &[Part], ahead: &[Part]) -> Result<()> {
     let installing = Installing::begin(later);
     format(journal);
-    dependencies(journal);
     // With all targets, although the tests come later: otherwise dependencies would be rebuilt for
     // the tests, with the features that these request.
     let build = ["build", "--workspace", "--all-targets"];
@@ -372,12 +377,15 @@ fn native(journal: &mut Journal, later: &[Part], ahead: &[Part]) -> Result<()> {
             with_documentation: true,
         };
         let Some(programs) = journal.built("build tests", &suite) else { return Ok(()) };
-        let check = |name, run| Check { part: journal.part.clone(), name, run };
-        let lint = check("lint", Box::new(lint));
+        let lint = journal.later("lint", lint);
+        let mut notices = Vec::new();
+        let mut beside = vec![journal.later("dependencies", || {
+            notices = deny::check()?;
+            Ok(())
+        })];
         let jobs = ahead::jobs(ahead, recordings.clone());
-        let mut beside = Vec::new();
         if !jobs.is_empty() {
-            beside.push(check("build ahead", Box::new(|| run_beside_each_other(jobs))));
+            beside.push(journal.later("build ahead", || run_beside_each_other(jobs)));
         }
         // An emulated box waits for its camera, but tests here want all of the processor.
         if later.contains(&Part::Boot) {
@@ -386,6 +394,7 @@ fn native(journal: &mut Journal, later: &[Part], ahead: &[Part]) -> Result<()> {
             beside.push(lint)
         }
         journal.beside(beside, |journal| journal.suite("tests", &suite, programs));
+        journal.notices.append(&mut notices);
     }
     Ok(())
 }

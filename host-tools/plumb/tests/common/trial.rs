@@ -22,8 +22,12 @@ pub struct Frame {
     pub upper_mm: Option<[f64; 3]>,
 }
 
-/// Packets are under way so long.
-const DELAY_NS: u64 = 5_000_000;
+/// The box takes so long for each frame.
+const LATENCY_US: u32 = 4000;
+
+/// Then its packet is under way so long, which nothing tells: whatever is of this computer's clock, as a mark
+/// is, seems to be earlier by as much.
+const WAY_NS: u64 = 1_000_000;
 
 const FIRST_CAPTURE_NS: u64 = 7_000_000_000;
 
@@ -51,7 +55,7 @@ pub fn write_with(
     let mut journal = Writer::create(&folder.join("packets.bin")).unwrap();
     let mut entries: Vec<Entry> = frames.iter().map(|frame| entry(frame, targets(frame))).collect();
     entries.extend(marks.iter().map(|(time_s, label)| Entry {
-        host_ns: nanoseconds(*time_s) + DELAY_NS,
+        host_ns: nanoseconds(*time_s) + WAY_NS,
         content: Content::Mark(Mark::new(Source::Key, label)),
     }));
     entries.sort_by_key(|entry| entry.host_ns);
@@ -71,13 +75,13 @@ fn entry(frame: &Frame, targets: Vec<TargetPacket>) -> Entry {
         sequence: frame.sequence,
         capture_time_ns: FIRST_CAPTURE_NS + nanoseconds(frame.time_s),
         instant: MarkedInstant::Recording,
-        latency_us: 4000,
+        latency_us: LATENCY_US,
         targets: targets.into_iter().collect(),
         upper_trunk: point(frame.upper_mm),
         lower_trunk: point(frame.lower_mm),
     });
     Entry {
-        host_ns: nanoseconds(frame.time_s) + DELAY_NS,
+        host_ns: nanoseconds(frame.time_s) + 1000 * u64::from(LATENCY_US) + WAY_NS,
         content: content(&packet(START, message)),
     }
 }

@@ -44,14 +44,11 @@ pub struct Journal {
     pub left: Vec<Check<'static>>,
 }
 
-/// A check that can be run beside tests.
+/// A check of a part that is run beside tests, be they another part's.
 pub struct Check<'a> {
-    /// The part that it belongs to.
-    pub part: String,
-    /// Its name in the summary.
-    pub name: &'static str,
-    /// What it runs.
-    pub run: Job<'a>,
+    part: String,
+    name: &'static str,
+    run: Job<'a>,
 }
 
 struct Step {
@@ -133,6 +130,15 @@ impl Journal {
         let cargo = || (suite.cargo)().env(SKIPS, &skips);
         let suite = Suite { cargo: &cargo, ..*suite };
         self.tests(name, |each_line| suite.run(programs, each_line));
+    }
+
+    /// A check of the part that is being run, for later.
+    pub fn later<'a>(
+        &self,
+        name: &'static str,
+        run: impl FnOnce() -> Result<()> + Send + 'a,
+    ) -> Check<'a> {
+        Check { part: self.part.clone(), name, run: Box::new(run) }
     }
 
     /// Runs tests, and beside them checks that leave the processor to the tests. What cargo builds, the

@@ -5,24 +5,23 @@ use std::path::PathBuf;
 
 use plumbline_test_support::{PROGRAMS, SKIPS};
 
-use super::IMAGES;
 use super::journal::Journal;
 use crate::command::{Task, target_directory};
+use crate::dist;
 use crate::python::{Packages, READERS};
-use crate::{dist, image};
 
 /// How long [`long`] has the streams watched; the desk's tests know it themselves.
 const STREAM_SECONDS: (&str, &str) = ("PLUMBLINE_STREAM_SECONDS", "600");
 
 /// Builds programs as users have them; whether that could be done.
-fn released(journal: &mut Journal, packages: &[&str]) -> bool {
+pub fn released(journal: &mut Journal, packages: &[&str]) -> bool {
     let packages = packages.iter().flat_map(|package| ["--package", package]);
     let build = ["build", "--release"].into_iter().chain(packages);
     journal.check("build", || Task::cargo().args(build).run())
 }
 
 /// Tests that take the released programs, one after the other, since they measure times and memory.
-fn of_released(journal: &Journal, test: &[&str], which: &[&str]) -> Task {
+pub fn of_released(journal: &Journal, test: &[&str], which: &[&str]) -> Task {
     let task =
         Task::cargo().args(["test"]).args(test).args(["--", "--nocapture", "--test-threads=1"]);
     let task = task
@@ -63,41 +62,6 @@ pub fn ward(journal: &mut Journal) {
     }
     let task = of_released(journal, &["--workspace", "--test", "ward"], &["--ignored"]);
     journal.tests("load", |each_line| task.run_and_read(each_line));
-}
-
-/// The step-by-step comparison of an update with what is obviously right; it is one of the box's own tests.
-const UPDATE_MODEL: &str = "update::model::every_step_from_every_state_is_as_it_must_be";
-
-/// Laws and state machines with far more inputs than every day; then what happens to a box in years: to
-/// its program, to what records it, and to the booted box.
-pub fn endurance(journal: &mut Journal) {
-    let models = of_released(journal, &["--workspace", "--test", "models"], &["--ignored"]);
-    journal.tests("models", |each_line| models.run_and_read(each_line));
-    let update = ["--package", "plumbline-board", "--lib"];
-    let update = of_released(journal, &update, &["--exact", UPDATE_MODEL]);
-    journal.tests("update", |each_line| update.run_and_read(each_line));
-    if !released(journal, &["plumb", "plumbline-board"]) {
-        return;
-    }
-    // One of its tests is the box that another one starts.
-    for (name, program, which) in [
-        ("frames", "endurance", ["--ignored", "--skip", "the_box"].as_slice()),
-        ("recording", "link", &["--ignored"]),
-    ] {
-        let task = of_released(journal, &["--workspace", "--test", program], which);
-        journal.tests(name, |each_line| task.run_and_read(each_line));
-    }
-    let mut images = PathBuf::new();
-    let made = journal.check("images", || {
-        images = image::make_for_tests(image::Profile::Release)?;
-        Ok(())
-    });
-    if made {
-        // Alone: a watched box must not wait for another one's processor.
-        let task = of_released(journal, &["--workspace", "--test", "boot"], &["--ignored"]);
-        let task = task.env(IMAGES, &images.to_string_lossy());
-        journal.tests("box", |each_line| task.run_and_read(each_line));
-    }
 }
 
 /// What people download, used where they use it.
