@@ -5,6 +5,7 @@
 //! whole fails at the end.
 
 use std::path::PathBuf;
+use std::sync::mpsc::{self, Sender};
 use std::thread::{self, JoinHandle};
 
 use anyhow::{Result, anyhow, bail};
@@ -323,14 +324,16 @@ struct ThirdParty {
 }
 
 impl Installing {
-    /// What the tests on this machine need, and these parts.
-    fn begin(parts: &[Part]) -> Self {
+    /// What the tests on this machine need, and these parts, of which `prepared` is told.
+    fn begin(parts: &[Part], prepared: Sender<()>) -> Self {
         let parts = parts.to_vec();
         Self(thread::spawn(move || {
             setup::ensure(&[setup::RENDERERS, setup::PYTHON, setup::NETWORKS])?;
             for part in parts {
                 part.prepare()?;
             }
+            // Where nothing is built ahead, nobody waits for it.
+            let _ = prepared.send(());
             Ok(ThirdParty {
                 readers: READERS.prepare(),
                 // Ubuntu has it only as a snap, which apt does not install.
@@ -346,11 +349,39 @@ impl Installing {
     }
 }
 
-/// The tests on this machine. Many of them wait for sockets and for clocks, so that beside them the
-/// processor has time for what `ahead` needs.
+/// Builds and tests on this machine. At the end of the build one crate is compiled alone, and many tests wait
+/// for sockets and for clocks: meanwhile the processor has time for what `ahead` needs.
 fn native(journal: &mut Journal, later: &[Part], ahead: &[Part]) -> Result<()> {
-    let installing = Installing::begin(later);
+    let (prepared, is_prepared) = mpsc::channel();
+    let (rendered, recordings) = mpsc::channel();
+    let installing = Installing::begin(later, prepared);
     format(journal);
+    let mut notices = Vec::new();
+    let mut beside = vec![journal.later("dependencies", || {
+        notices = deny::check()?;
+        Ok(())
+    })];
+    let jobs = ahead::jobs(ahead, recordings);
+    if !jobs.is_empty() {
+        beside.push(journal.later("build ahead", move || match is_prepared.recv() {
+            Ok(()) => run_beside_each_other(jobs),
+            // Why nothing could be installed is told by whoever waits for it.
+            Err(mpsc::RecvError) => Ok(()),
+        }));
+    }
+    let mut done = Ok(());
+    journal.beside(beside, |journal| done = on_this_machine(journal, later, installing, rendered));
+    journal.notices.append(&mut notices);
+    done
+}
+
+/// Builds and tests; `rendered` is told where the recordings are, once they are there.
+fn on_this_machine(
+    journal: &mut Journal,
+    later: &[Part],
+    installing: Installing,
+    rendered: Sender<PathBuf>,
+) -> Result<()> {
     // With all targets, although the tests come later: otherwise dependencies would be rebuilt for
     // the tests, with the features that these request.
     let build = ["build", "--workspace", "--all-targets"];
@@ -362,40 +393,28 @@ fn native(journal: &mut Journal, later: &[Part], ahead: &[Part]) -> Result<()> {
     let has_readers = is_there(journal, "other people's readers", readers);
     is_there(journal, "a browser", browser);
     is_there(journal, "a broker", broker);
-    if let Some(recordings) = recordings {
-        say_where_the_data_are();
-        let cargo = || {
-            let task = Task::cargo()
-                .env(PROGRAMS, &programs.to_string_lossy())
-                .env(RECORDINGS, &recordings.to_string_lossy());
-            with_readers(task, has_readers)
-        };
-        let suite = Suite {
-            cargo: &cargo,
-            selection: &["--workspace"],
-            emulator: None,
-            with_documentation: true,
-        };
-        let Some(programs) = journal.built("build tests", &suite) else { return Ok(()) };
-        let lint = journal.later("lint", lint);
-        let mut notices = Vec::new();
-        let mut beside = vec![journal.later("dependencies", || {
-            notices = deny::check()?;
-            Ok(())
-        })];
-        let jobs = ahead::jobs(ahead, recordings.clone());
-        if !jobs.is_empty() {
-            beside.push(journal.later("build ahead", || run_beside_each_other(jobs)));
-        }
-        // An emulated box waits for its camera, but tests here want all of the processor.
-        if later.contains(&Part::Boot) {
-            journal.left.push(lint)
-        } else {
-            beside.push(lint)
-        }
-        journal.beside(beside, |journal| journal.suite("tests", &suite, programs));
-        journal.notices.append(&mut notices);
-    }
+    let Some(recordings) = recordings else { return Ok(()) };
+    // Where nothing is built ahead, nobody waits for them.
+    let _ = rendered.send(recordings.clone());
+    say_where_the_data_are();
+    let cargo = || {
+        let task = Task::cargo()
+            .env(PROGRAMS, &programs.to_string_lossy())
+            .env(RECORDINGS, &recordings.to_string_lossy());
+        with_readers(task, has_readers)
+    };
+    let suite = Suite {
+        cargo: &cargo,
+        selection: &["--workspace"],
+        emulator: None,
+        with_documentation: true,
+    };
+    let Some(programs) = journal.built("build tests", &suite) else { return Ok(()) };
+    // An emulated box waits for its camera, but tests here want all of the processor.
+    let (lint, mut beside) = (journal.later("lint", lint), Vec::new());
+    let place = if later.contains(&Part::Boot) { &mut journal.left } else { &mut beside };
+    place.push(lint);
+    journal.beside(beside, |journal| journal.suite("tests", &suite, programs));
     Ok(())
 }
 

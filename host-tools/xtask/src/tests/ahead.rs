@@ -3,11 +3,13 @@
 //! Most of such a build is one crate, the core, which is compiled as one unit, or a program that is
 //! linked with optimisation: one after the other, they would leave half of this machine idle. Each is
 //! built in a directory of its own. The parts build them again and find them built, so that each part
-//! can be run by itself. After the tests on this machine it is done beside these, which often wait.
+//! can be run by itself. Where this machine's own part is run too, it is done beside that.
 
 use std::path::PathBuf;
+use std::sync::mpsc::{self, Receiver};
 
 use super::{ARMHF, Part, recordings, shipped};
+use crate::bare_metal::Board;
 use crate::command::{Job, run_beside_each_other};
 use crate::cross::{Linking, Target};
 use crate::image::{self, DebianRoot, Profile};
@@ -21,11 +23,13 @@ const BUILD: [&str; 2] = ["test", "--no-run"];
 pub fn build(journal: &mut Journal, parts: &[Part]) {
     journal.part = "ahead".into();
     let Some(recordings) = recordings(journal) else { return };
-    journal.check("build", || run_beside_each_other(jobs(parts, recordings)));
+    let (rendered, receiver) = mpsc::channel();
+    rendered.send(recordings).expect("the receiver is there");
+    journal.check("build", || run_beside_each_other(jobs(parts, receiver)));
 }
 
-/// What to build, those that take longest first.
-pub fn jobs(parts: &[Part], recordings: PathBuf) -> Vec<Job<'static>> {
+/// What to build, those that take longest first; the firmware once the recordings are rendered.
+pub fn jobs(parts: &[Part], recordings: Receiver<PathBuf>) -> Vec<Job<'static>> {
     let mut jobs: Vec<Job<'static>> = Vec::new();
     let has = |part| parts.contains(&part);
     // Both are for the same processor: they share what they compile, and so take turns.
@@ -47,11 +51,16 @@ pub fn jobs(parts: &[Part], recordings: PathBuf) -> Vec<Job<'static>> {
         }));
     }
     if has(Part::BareMetal) {
-        for board in bare_metal::BOARDS {
-            let recordings = recordings.clone();
-            jobs.push(Box::new(move || board.build_ahead(&recordings)));
-        }
-        jobs.push(Box::new(|| bare::build().map(drop)));
+        jobs.push(Box::new(move || {
+            bare::build()?;
+            // Without recordings the part has failed already.
+            let Ok(recordings) = recordings.recv() else { return Ok(()) };
+            let build = |board: &'static Board| -> Job<'_> {
+                let recordings = &recordings;
+                Box::new(move || board.build_ahead(recordings))
+            };
+            run_beside_each_other(bare_metal::BOARDS.iter().map(build).collect())
+        }));
     }
     jobs
 }
