@@ -74,6 +74,10 @@ enum Part {
     /// The box's image, booted under QEMU: it tracks a camera, and survives what
     /// happens to a box.
     Boot,
+    /// With the box's image under QEMU: the whole way from the printed sheet to the sway of a person. Five
+    /// minutes, alone on a quiet computer: the programs at the bedside tell how well the box keeps its
+    /// camera's pace; only when it is named.
+    FirstTrial,
     /// Up to ten thousand simulated trials of a minute in a cohort: seconds, memory and bytes for each,
     /// and what a million would cost. A quarter of an hour with what is built, alone on a quiet
     /// computer, and 3 GB of disk; only when it is named.
@@ -138,7 +142,7 @@ impl Part {
             }
             Self::Armhf => Target::Armv7.prepare(),
             Self::BareMetal => bare_metal::prepare(),
-            Self::Boot => image::prepare_for_tests(),
+            Self::Boot | Self::FirstTrial => image::prepare_for_tests(),
             Self::Dist => dist::prepare_for_tests(),
             Self::Cohort => {
                 setup::ensure(&[setup::LINKER, setup::VIDEO, setup::PYTHON])?;
@@ -173,7 +177,7 @@ impl Part {
             Self::Arm => 1200,
             Self::Armhf => 400,
             Self::BareMetal => 1200,
-            Self::Boot => 1600,
+            Self::Boot | Self::FirstTrial => 1600,
             Self::Cohort => 8200,
             Self::Long | Self::Ward => 4900,
             Self::Dist => 9000,
@@ -198,7 +202,8 @@ impl Part {
             Self::Arm => arm(journal, arguments.all)?,
             Self::Armhf => armhf(journal)?,
             Self::BareMetal => bare_metal(journal, arguments.document()),
-            Self::Boot => boot(journal),
+            Self::Boot => boot(journal, &["--test-threads=2", "--skip", FIRST_TRIAL]),
+            Self::FirstTrial => boot(journal, &["--exact", FIRST_TRIAL]),
             Self::Cohort => named::cohort(journal),
             Self::Long => named::long(journal),
             Self::Dist => named::dist(journal),
@@ -523,9 +528,8 @@ fn bare_metal(journal: &mut Journal, document: Document) {
 /// tests.
 const BOOT_TESTS: [&str; 3] = ["--workspace", "--test", "boot"];
 
-/// A box that is watched as at the bedside, by programs that want a processor core of their own. With
-/// another machine beside it, it would be too slow for its camera.
-const ALONE: &str = "first_trial::from_a_printed_sheet_to_the_sway_of_a_person";
+/// The test of [`Part::FirstTrial`].
+const FIRST_TRIAL: &str = "first_trial::from_a_printed_sheet_to_the_sway_of_a_person";
 
 /// The test that boots a box with a camera; it prints its figures in the same format as the bench.
 pub fn boot_with_camera() -> Result<Task> {
@@ -536,9 +540,9 @@ pub fn boot_with_camera() -> Result<Task> {
     Ok(task.env(IMAGES, &images.to_string_lossy()))
 }
 
-/// Boots the box and observes it from outside, on two machines at a time, since each keeps most of a
-/// processor core busy; and on one [`ALONE`]. Beside them runs what was left for that.
-fn boot(journal: &mut Journal) {
+/// Boots the box and observes it from outside in the tests that `which` chooses: two machines at a time, since
+/// each keeps most of a processor core busy. Beside them runs what was left for that.
+fn boot(journal: &mut Journal, which: &[&str]) {
     let mut images = PathBuf::new();
     let made = journal.check("images", || {
         images = image::make_for_tests(image::Profile::Dev)?;
@@ -556,16 +560,11 @@ fn boot(journal: &mut Journal) {
     let left = std::mem::take(&mut journal.left);
     journal.beside(left, |journal| {
         let Some(program) = programs.iter().flatten().next() else { return };
-        for (name, how) in [
-            ("tests", ["--test-threads=2", "--skip", ALONE].as_slice()),
-            ("first trial", ["--test-threads=1", "--exact", ALONE].as_slice()),
-        ] {
-            let task = suite.task(program).args(["--nocapture"]).args(how);
-            journal.tests(name, |each_line| {
-                each_line(&program.heading());
-                task.run_and_read(each_line)
-            });
-        }
+        let task = suite.task(program).args(["--nocapture"]).args(which);
+        journal.tests("tests", |each_line| {
+            each_line(&program.heading());
+            task.run_and_read(each_line)
+        });
     });
 }
 
