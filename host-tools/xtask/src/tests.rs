@@ -426,15 +426,16 @@ fn on_this_machine(
 /// The packages that ship on ARM; the tests in `tests/core` read rendered frames.
 const SHIPPED: [&str; 3] = ["plumbline", "plumbline-board", "plumbline-core-tests"];
 
-/// The selection of their tests.
+/// The selection of their tests, and how they are compiled.
 fn shipped() -> Vec<String> {
     let packages = SHIPPED.map(|package| format!("--package={package}"));
     let targets = ["--lib", "--bins", "--tests"].map(str::to_owned);
-    packages.into_iter().chain(targets).collect()
+    packages.into_iter().chain(targets).chain(image::Profile::Dev.arguments()).collect()
 }
 
 /// The tests of what ships on the box's processor, or all tests. Programs that they start also run
-/// through QEMU.
+/// through QEMU. They are built as what the boot tests put into the images is, so that the two
+/// share what they compile; all tests as on this machine, on which arithmetic is checked.
 fn arm(journal: &mut Journal, all: bool) -> Result<()> {
     let toolchain = Target::Aarch64.toolchain()?;
     let Some(recordings) = recordings(journal) else { return Ok(()) };
@@ -490,14 +491,8 @@ fn with_readers(task: Task, has_readers: bool) -> Task {
     if has_readers { READERS.tells(task) } else { task }
 }
 
-/// What ships on 32-bit ARM, with checks of its arithmetic.
-const ARMHF: &[&str] = &[
-    "--package",
-    "plumbline",
-    "--lib",
-    "--config=profile.dev.package.plumbline.overflow-checks=true",
-    "--config=profile.dev.package.plumbline.debug-assertions=true",
-];
+/// What ships on 32-bit ARM.
+const ARMHF: &[&str] = &["--package", "plumbline", "--lib"];
 
 /// The core on a smaller processor: its own tests.
 fn armhf(journal: &mut Journal) -> Result<()> {

@@ -231,7 +231,8 @@ pub fn prepare_for_tests() -> Result<()> {
 pub enum Profile {
     /// As shipped.
     Release,
-    /// That of the tests, with which it shares what is compiled: quicker to make.
+    /// That of the tests, with which it shares the dependencies: quicker to make. The core and the
+    /// box's program do not check for overflow, which an emulated box has no time for.
     Dev,
 }
 
@@ -240,6 +241,18 @@ impl Profile {
         match self {
             Self::Release => "release",
             Self::Dev => "dev",
+        }
+    }
+
+    /// What cargo is told besides the profile's name.
+    pub fn arguments(self) -> Vec<String> {
+        let unchecked = |package| {
+            ["overflow-checks", "debug-assertions"]
+                .map(|check| format!("--config=profile.dev.package.{package}.{check}=false"))
+        };
+        match self {
+            Self::Release => Vec::new(),
+            Self::Dev => ["plumbline", BOARD].into_iter().flat_map(unchecked).collect(),
         }
     }
 
@@ -380,6 +393,7 @@ fn built(
     };
     let cargo = cargo
         .args(["rustc", "--profile", profile.name(), "--package", program, "--bin", program])
+        .args(profile.arguments())
         .args(features.iter().flat_map(|feature| ["--features", feature]));
     match libraries {
         Libraries::Inside => cargo.args(["--", "-Ctarget-feature=+crt-static"]).run()?,

@@ -5,10 +5,9 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 
-use super::IMAGES;
 use super::journal::Journal;
 use super::named::{of_released, released};
-use crate::command::Task;
+use super::{BOOT_TESTS, IMAGES};
 use crate::image;
 
 /// One thing that is tried.
@@ -64,7 +63,6 @@ impl Ordeal {
 
     /// The test program, as cargo wants to be told, and which of its tests.
     const fn tests(self) -> (&'static [&'static str], &'static [&'static str]) {
-        const BOOT: &[&str] = &["--workspace", "--test", "boot"];
         match self {
             Self::Models => (&["--workspace", "--test", "models"], &["--ignored"]),
             Self::Update => (
@@ -76,12 +74,12 @@ impl Ordeal {
                 (&["--workspace", "--test", "endurance"], &["--ignored", "--skip", "the_box"])
             }
             Self::Recording => (&["--workspace", "--test", "link"], &["--ignored"]),
-            Self::Unplugged => (BOOT, &["--ignored", "endurance::unplugged"]),
-            Self::Card => (BOOT, &["--ignored", "endurance::card"]),
-            Self::Clock => (BOOT, &["--ignored", "endurance::clock"]),
-            Self::Storing => (BOOT, &["--ignored", "endurance::cuts"]),
-            Self::Updating => (BOOT, &["--ignored", "another_system"]),
-            Self::Load => (BOOT, &["--ignored", "endurance::load"]),
+            Self::Unplugged => (&BOOT_TESTS, &["--ignored", "endurance::unplugged"]),
+            Self::Card => (&BOOT_TESTS, &["--ignored", "endurance::card"]),
+            Self::Clock => (&BOOT_TESTS, &["--ignored", "endurance::clock"]),
+            Self::Storing => (&BOOT_TESTS, &["--ignored", "endurance::cuts"]),
+            Self::Updating => (&BOOT_TESTS, &["--ignored", "another_system"]),
+            Self::Load => (&BOOT_TESTS, &["--ignored", "endurance::load"]),
         }
     }
 }
@@ -115,7 +113,7 @@ pub fn endurance(journal: &mut Journal, only: &[Ordeal]) {
     }
     for ordeal in chosen {
         let (test, which) = ordeal.tests();
-        let task: Task = of_released(journal, test, which).env(IMAGES, &images.to_string_lossy());
+        let task = of_released(journal, test, which).env(IMAGES, &images.to_string_lossy());
         journal.tests(ordeal.name(), |each_line| task.run_and_read(each_line));
     }
 }

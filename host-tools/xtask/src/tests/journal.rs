@@ -141,8 +141,8 @@ impl Journal {
         Check { part: self.part.clone(), name, run: Box::new(run) }
     }
 
-    /// Runs tests, and beside them checks that leave the processor to the tests. What cargo builds, the
-    /// tests must have been built before: it would wait until it has been checked.
+    /// Runs tests, and beside them checks that leave the processor to the tests. A build waits for a check
+    /// that cargo makes in the same directory: beside such a check, run tests that have been built.
     pub fn beside(&mut self, checks: Vec<Check<'_>>, run: impl FnOnce(&mut Self)) {
         let outcomes = Mutex::new(Vec::new());
         let job = |Check { part, name, run }| -> Job<'_> {
