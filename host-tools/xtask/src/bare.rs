@@ -25,10 +25,15 @@ const COMPILERS_OWN: &[&str] = &["memcpy", "memmove", "memset", "memcmp", "bcmp"
 /// quarter of a megabyte takes no space in a program's file or a board's flash.
 const DATA_BYTES_MAX: usize = 4096;
 
+/// The target directory of all that is built without an operating system or an allocator. Separate
+/// from the other builds, so that their choice of features does not affect it.
+pub fn directory() -> PathBuf {
+    target_directory().join("bare")
+}
+
 /// Builds the artefact; returns its path.
 pub fn build() -> Result<PathBuf> {
-    // Separate from the other builds, so that their choice of features does not affect it.
-    let directory = target_directory().join("bare");
+    let directory = directory();
     Task::cargo()
         .args(["rustc", "--package", "plumbline-bare", "--profile", "bare"])
         .args(["--crate-type", "cdylib", "--target-dir"])

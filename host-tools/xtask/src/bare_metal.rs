@@ -19,8 +19,9 @@ use anyhow::{Context, Result, bail, ensure};
 use plumbline_test_support::{CONFIG_FILE, FRAMES_FILE, STANDARD, VGA};
 
 use crate::agreement::{DIFFERENCE_MAX, compare_rows};
+use crate::bare;
 use crate::command::{Task, root, target_directory};
-use crate::cross::{BUILT_LIBRARY, Compiler};
+use crate::cross::{self, BUILT_LIBRARY, Compiler};
 use crate::generated::Part;
 use crate::setup::{self, Need, Probe};
 use crate::stack::{self, Deepest, Processor, Program, table};
@@ -154,6 +155,7 @@ pub fn prepare() -> Result<()> {
         // By itself: where an emulator conflicts with what the system has, it is unpacked beside the
         // system, with everything that is asked for at once.
         setup::ensure(&[board.emulator_needs])?;
+        cross::add_target(board.triple);
         board.compiler()?;
     }
     Ok(())
@@ -308,7 +310,7 @@ impl Board {
     /// Builds the program and returns its path; firmware includes the files in `stored`.
     fn build(&self, stored: &Path) -> Result<PathBuf> {
         let own = format!("CARGO_TARGET_{}", self.triple.replace('-', "_").to_uppercase());
-        let directory = target_directory().join(self.triple);
+        let directory = bare::directory();
         let compiler = self.compiler()?;
         let mut cargo = compiler.cargo(Some("core"));
         cargo = match compiler {

@@ -1,8 +1,8 @@
 //! Builds for ARM on this machine and runs the result under QEMU.
 //!
-//! rustup's own standard library for the target is used if it is installed. If not, a download
-//! might hang, so Debian's compiler is used instead: it has a standard library for 64-bit ARM, and
-//! the sources of one for 32-bit ARM. Both link with Debian's cross gcc.
+//! rustup adds its standard library for the target. Where there is no rustup or its download does
+//! not work, Debian's compiler is used instead, which takes longer: it has a standard library for
+//! 64-bit ARM, and the sources of one for the other processors. Both link with Debian's cross gcc.
 //!
 //! A [`Toolchain`] is a set of environment variables for cargo, so every printed line can be typed
 //! again as it is. Its output lies below `target/`, separate from the native build: artefacts of
@@ -10,6 +10,7 @@
 
 use std::env;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::{Context, Result};
@@ -77,10 +78,7 @@ impl Target {
 
     /// Installs what is missing.
     pub fn prepare(self) -> Result<()> {
-        if self.built_library().is_some() {
-            // To build one takes minutes.
-            add_target(self.triple());
-        }
+        add_target(self.triple());
         self.toolchain().map(drop)
     }
 
@@ -246,11 +244,15 @@ impl Compiler {
 /// Lets rustup add its standard library for a target. Where there is no rustup or no network,
 /// nothing changes, and Debian's compiler is used.
 pub fn add_target(triple: &str) {
+    /// Whether a download has failed: the next one would too, or would hang for as long again.
+    static HAS_FAILED: AtomicBool = AtomicBool::new(false);
     let list = Task::new("rustup").args(["target", "list", "--installed"]).output();
     if list.is_ok_and(|list| !list.lines().any(|line| line == triple))
+        && !HAS_FAILED.load(Ordering::Relaxed)
         && let Err(error) =
             Task::new("rustup").args(["target", "add", triple]).run_within(TARGET_WITHIN)
     {
+        HAS_FAILED.store(true, Ordering::Relaxed);
         println!("{error:#}");
     }
 }

@@ -102,11 +102,17 @@ impl Program {
             .output()?;
         fs::remove_file(&copy).with_context(|| copy.display().to_string())?;
         let sizes = fs::read(&sizes).with_context(|| sizes.display().to_string())?;
-        Ok(Self::of(&disassembly, frames(&sizes, processor)?))
+        let symbols = tool("nm").args(["--print-size"]).args([program]).output()?;
+        Ok(Self::of(&disassembly, frames(&sizes, processor)?, &ends(&symbols)))
     }
 
-    /// From objdump's output and the size of each function's call and frame.
-    fn of(disassembly: &str, frames: BTreeMap<u64, u64>) -> Self {
+    /// From objdump's output, the size of each function's call and frame, and where functions end.
+    ///
+    /// A linker may put code between two functions, such as what stands in for one instruction that
+    /// a processor would get wrong: it is entered and left by jumps, which are not followed.
+    fn of(disassembly: &str, frames: BTreeMap<u64, u64>, ends: &BTreeMap<u64, u64>) -> Self {
+        let is_within =
+            |place: u64, function: &u64| ends.get(function).is_none_or(|&end| place < end);
         let mut this = Self { frames, ..Self::default() };
         let mut branches = Vec::new();
         let mut function = 0;
@@ -120,8 +126,11 @@ impl Program {
                 has_loaded = true;
                 this.names.insert(to, name.to_owned());
                 branches.push(Branch { from: function, to, is_call: true });
-            } else if let Some((is_call, operands)) = branch(line) {
+            } else if let Some((place, is_call, operands)) = branch(line) {
                 if let Some((to, name)) = target(operands) {
+                    if !is_call && !is_within(place, &function) {
+                        continue;
+                    }
                     if operands.starts_with('*') {
                         // In a shared library, the call goes through a table that the loader fills.
                         this.names.insert(to, name.to_owned());
@@ -135,7 +144,8 @@ impl Program {
         }
         for Branch { from, to, is_call } in branches {
             let Some((&callee, name)) = this.names.range(..=to).next_back() else { continue };
-            if (is_call || callee != from) && !is_panic(name) {
+            let is_followed = is_call || (callee != from && is_within(to, &callee));
+            if is_followed && !is_panic(name) {
                 this.calls.add_edge(from, callee, ());
             }
         }
@@ -241,15 +251,29 @@ fn header(line: &str) -> Option<(u64, &str)> {
     Some((u64::from_str_radix(address, 16).ok()?, own_name(name)))
 }
 
-/// Whether an instruction such as `    1130:\tbl\t2260 <memcpy>` is a call or a jump, and
-/// its operands.
-fn branch(line: &str) -> Option<(bool, &str)> {
-    let (_, instruction) = line.split_once(":\t")?;
+/// The address behind each symbol with a size, from lines of `nm` such as
+/// `0000000000001130 0000000000000020 t name`.
+fn ends(symbols: &str) -> BTreeMap<u64, u64> {
+    let end = |line: &str| {
+        let [start, bytes, _kind, _name] = line.split(' ').collect::<Vec<_>>()[..] else {
+            return None;
+        };
+        let [start, bytes] = [start, bytes].map(|word| u64::from_str_radix(word, 16).ok());
+        Some((start?, start? + bytes?))
+    };
+    symbols.lines().filter_map(end).collect()
+}
+
+/// The address of an instruction such as `    1130:\tbl\t2260 <memcpy>`, whether it is a call or a
+/// jump, and its operands.
+fn branch(line: &str) -> Option<(u64, bool, &str)> {
+    let (address, instruction) = line.split_once(":\t")?;
+    let address = u64::from_str_radix(address.trim_start(), 16).ok()?;
     let (name, operands) = instruction.split_once(char::is_whitespace)?;
     let is_call = matches!(name, "call" | "bl" | "blr" | "blx");
     // Includes conditional ones: jne, b.ne, bne.w, cbz, tbnz.
     let is_jump = ["j", "b", "cb", "tb"].iter().any(|start| name.starts_with(start));
-    (is_call || is_jump).then(|| (is_call, operands.trim_start()))
+    (is_call || is_jump).then(|| (address, is_call, operands.trim_start()))
 }
 
 /// The target of a branch: `2260 <memcpy>` at the end of the operands.
@@ -327,7 +351,7 @@ mod tests {
             }
         }
         let frame = |&letter: &u8| (address(letter), u64::from(letter - b'a' + 1) * 10);
-        Program::of(&text, functions.as_bytes().iter().map(frame).collect())
+        Program::of(&text, functions.as_bytes().iter().map(frame).collect(), &BTreeMap::new())
     }
 
     fn path(deepest: &Deepest) -> Vec<(&str, u64)> {
@@ -370,13 +394,31 @@ mod tests {
                     14:\tcall   *%rax\n  16:\tjmp    *%rax\n  18:\tjmp    14 <a+0x4>\n  \
                     1a:\tcall   40 <core::panicking::panic_fmt>\n\
                     0000000000000040 <core::panicking::panic_fmt>:\n";
-        let deepest = Program::of(text, [(16, 8)].into()).deepest_from("a").unwrap();
+        let deepest = Program::of(text, [(16, 8)].into(), &BTreeMap::new()).deepest_from("a").unwrap();
         assert_eq!(path(&deepest), [("a", 8)]);
         assert_eq!(Vec::from_iter(&deepest.uncounted), ["a pointer in a", "memcpy"]);
         let text = "0000000000000010 <a>:\n  10:\tmov    0x10(%rip),%rbp        # 50 <memset@GLIBC_2.2.5>\n  \
                     14:\tcall   *%rbp\n  16:\tmov    0x20(%rip),%rax        # 60 <a::TABLE>\n";
-        let deepest = Program::of(text, [(16, 8)].into()).deepest_from("a").unwrap();
+        let deepest = Program::of(text, [(16, 8)].into(), &BTreeMap::new()).deepest_from("a").unwrap();
         assert_eq!(Vec::from_iter(&deepest.uncounted), ["memset"]);
+    }
+
+    /// What GNU ld does about erratum 843419 of the Cortex-A53: a jump past all such code, and an
+    /// instruction of `a` and one of `b`, each with the jump back.
+    #[test]
+    fn what_a_linker_puts_between_functions_is_of_none() {
+        let text = "0000000000000010 <a>:\n  10:\tbl\t50 <b>\n  14:\tb\t28 <a+0x18>\n  18:\tret\n  \
+                    20:\tb\t50 <b>\n  24:\tnop\n  28:\tldr\td2, [x9, #648]\n  2c:\tb\t18 <a+0x8>\n  \
+                    30:\tldr\td2, [x9, #648]\n  34:\tb\t58 <b+0x8>\n\
+                    0000000000000050 <b>:\n  50:\tnop\n  54:\tb\t30 <a+0x20>\n  58:\tret\n";
+        let symbols = "0000000000000010 000000000000000c t a\n0000000000000050 000000000000000c T b\n\
+                       0000000000000080 A end\n";
+        let read = |ends| Program::of(text, [(0x10, 8), (0x50, 16)].into(), &ends);
+        assert_eq!(ends(symbols), BTreeMap::from([(0x10, 0x1c), (0x50, 0x5c)]));
+        let deepest = read(ends(symbols)).deepest_from("a").unwrap();
+        assert_eq!(path(&deepest), [("a", 8), ("b", 16)]);
+        // Otherwise `b` calls `a`.
+        assert!(read(BTreeMap::new()).deepest_from("a").is_err());
     }
 
     #[test]
@@ -388,7 +430,8 @@ mod tests {
             ("  10:\ttbnz\tw0, #0, 2260 <a+0x4>", false, Some(0x2260)),
             ("  10:\tbne.w\t2260 <a+0x4>", false, Some(0x2260)),
         ] {
-            let (call, operands) = branch(line).expect(line);
+            let (address, call, operands) = branch(line).expect(line);
+            assert_eq!(address, 0x10);
             assert_eq!((call, target(operands).map(|(to, _)| to)), (is_call, to), "{line}");
         }
         assert_eq!(branch("  10:\tadrp\tx0, 2000 <a>"), None);

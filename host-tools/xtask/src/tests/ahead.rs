@@ -1,15 +1,15 @@
 //! Compiles for other processors ahead of the parts that need it, several things at a time.
 //!
 //! Most of such a build is one crate, the core, which is compiled as one unit, or a program that is
-//! linked with optimisation: one after the other, they would leave half of this machine idle. Each is
-//! built in a directory of its own. The parts build them again and find them built, so that each part
-//! can be run by itself. Where this machine's own part is run too, it is done beside that.
+//! linked with optimisation: one after the other, they would leave half of this machine idle. Those
+//! that share compiled crates are built in one directory, and so one after the other. The parts build
+//! them again and find them built, so that each part can be run by itself. Where this machine's own
+//! part is run too, it is done beside that.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver};
 
 use super::{ARMHF, Part, recordings, shipped};
-use crate::bare_metal::Board;
 use crate::command::{Job, run_beside_each_other};
 use crate::cross::{Linking, Target};
 use crate::image::{self, DebianRoot, Profile};
@@ -55,11 +55,7 @@ pub fn jobs(parts: &[Part], recordings: Receiver<PathBuf>) -> Vec<Job<'static>> 
             bare::build()?;
             // Without recordings the part has failed already.
             let Ok(recordings) = recordings.recv() else { return Ok(()) };
-            let build = |board: &'static Board| -> Job<'_> {
-                let recordings = &recordings;
-                Box::new(move || board.build_ahead(recordings))
-            };
-            run_beside_each_other(bare_metal::BOARDS.iter().map(build).collect())
+            bare_metal::BOARDS.iter().try_for_each(|board| board.build_ahead(&recordings))
         }));
     }
     jobs
