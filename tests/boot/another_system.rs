@@ -13,7 +13,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use plumbline::config::FILE_NAME;
-use plumbline_test_support::{evidence, repetitions, seed};
+use plumbline_test_support::{evidence, free_port, repetitions, seed};
 use plumbline_update::card::{SETTINGS, Slot};
 use plumbline_update::firmware::Flag;
 use plumbline_update::header::{Header, KeyId, Text, slot_hash};
@@ -50,8 +50,7 @@ struct Ward {
 impl Ward {
     fn new() -> Self {
         let directory = tempfile::tempdir().expect("a temporary directory");
-        let any = UdpSocket::bind("127.0.0.1:0").expect("a free port");
-        let port = any.local_addr().expect("it is bound").port();
+        let port = free_port();
         let card = directory.path().join("card.img");
         let names = [image("rpi4.img"), card.clone()];
         let names = names.each_ref().map(|path| path.to_str().expect("a plain path"));

@@ -13,6 +13,7 @@ use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_files::poses::{self, PoseRow};
 use plumbline_render::simulate::Simulation;
 use plumbline_stream::transport::Raw;
+use plumbline_test_support::free_port;
 use plumbline_trial::journal::{Content, Reader};
 use plumbline_trial::names;
 
@@ -55,8 +56,7 @@ struct Ward {
 impl Ward {
     fn new() -> Self {
         let directory = tempfile::tempdir().expect("a temporary directory");
-        let any = UdpSocket::bind("127.0.0.1:0").expect("a free port");
-        let port = any.local_addr().expect("it is bound").port();
+        let port = free_port();
         let disk = scene::empty_disk(directory.path());
         Self { directory, port, disk }
     }

@@ -3,11 +3,10 @@
 
 use std::ffi::OsString;
 use std::io::{BufRead as _, BufReader, Write as _};
-use std::net::{TcpListener, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use plumbline_test_support::root;
+use plumbline_test_support::{free_ports, root};
 use serde_json::Value;
 
 use crate::python::python;
@@ -25,13 +24,7 @@ fn script() -> PathBuf {
 /// Ports for LSL on this computer, free at this moment: one for discovery and as many in a row as all
 /// streams of a test need.
 fn ports() -> (u16, u16) {
-    let free = |port: u16| {
-        UdpSocket::bind(("127.0.0.1", port)).is_ok()
-            && TcpListener::bind(("127.0.0.1", port)).is_ok()
-    };
-    let any = || UdpSocket::bind("127.0.0.1:0").and_then(|it| it.local_addr()).expect("a port");
-    let first = || Some(any().port()).filter(|it| *it < 65_000 && (*it..=*it + PORTS).all(free));
-    let first = std::iter::repeat_with(first).take(1000).flatten().next().expect("free ports");
+    let first = free_ports(PORTS + 1);
     (first, first + 1)
 }
 

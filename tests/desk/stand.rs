@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 use std::fs::File;
-use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
@@ -10,7 +10,9 @@ use std::time::{Duration, Instant};
 
 use plumbline::packet::{Message, PosePacket, decode_datagram};
 use plumbline_stream::transport::Raw;
-use plumbline_test_support::{Absent, command, is_emulated, program, skip};
+use plumbline_test_support::{
+    Absent, command, free_address, free_port, is_emulated, program, skip,
+};
 use plumbline_trial::journal::{Content, Reader};
 use plumbline_trial::names;
 use tempfile::TempDir;
@@ -47,7 +49,7 @@ impl Stand {
         }
         // Before anybody waits for a box.
         program("plumbline-board").expect("the box's program builds");
-        let udp = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let udp = free_address();
         Some(Self { folder: tempfile::tempdir().unwrap(), udp, environment: Vec::new() })
     }
 
@@ -229,9 +231,4 @@ fn each_raw(trial: &Path, mut take: impl FnMut(u64, Raw)) {
             take(entry.host_ns, raw);
         }
     }
-}
-
-/// A port that nobody listens at.
-pub fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }

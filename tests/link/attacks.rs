@@ -10,6 +10,7 @@ use plumbline::seal::{
     BoxEnd, Caller, Heard, HostEnd, Key, Peer, SEALED_BYTES_MAX, Told, greeting,
 };
 use plumbline_stream::fixture::pose_packet;
+use plumbline_test_support::free_address;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -374,7 +375,7 @@ fn a_box_without_a_key_on_the_network_is_not_listened_to() {
 fn a_mark_of_this_computer_is_taken() {
     let Some(bench) = Bench::new() else { return };
     let relay = Relay::new(&bench.hosts[..1], 17);
-    let marks = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let marks = free_address();
     let mut host = bench.receive(0, "trial", &format!("--mark-udp {marks} --quiet"));
     let mut the_box = bench.start(&relay, "sent.bin");
     bench.wait_for_poses("trial", 20);

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use plumbline::packet::{Deframer, Message, Packet, PosePacket, decode_datagram};
 use plumbline::seal::{KEY_FILE_NAME, Key};
 use plumbline_stream::transport::Raw;
-use plumbline_test_support::{Absent, command, is_emulated, program, skip};
+use plumbline_test_support::{Absent, command, free_port, is_emulated, program, skip};
 use plumbline_trial::journal::{Content, Entry, Reader};
 use plumbline_trial::{Manifest, names};
 use serde_json::Value;
@@ -85,7 +85,8 @@ impl Bench {
             return None;
         }
         let folder = tempfile::tempdir().unwrap();
-        let bench = Self { folder, hosts: free_ports(address), environment: Vec::new() };
+        let hosts = std::array::from_fn(|_| (address, free_port()).into());
+        let bench = Self { folder, hosts, environment: Vec::new() };
         bench.write(
             "box.toml",
             "device = \"ward 3\"\nserial_number = \"PL-0001\"\n[links]\nudp = \"127.0.0.1:4210\"\n",
@@ -294,12 +295,6 @@ fn pose_of(packet: Packet) -> Option<PosePacket> {
         Message::Pose(pose) => Some(pose),
         _ => None,
     }
-}
-
-/// Ports of this computer that nobody listens at.
-fn free_ports<const N: usize>(address: Ipv4Addr) -> [SocketAddr; N] {
-    let sockets: [UdpSocket; N] = std::array::from_fn(|_| UdpSocket::bind((address, 0)).unwrap());
-    sockets.map(|socket| socket.local_addr().unwrap())
 }
 
 /// A program that ends with its test.

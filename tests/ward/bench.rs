@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::Read as _;
-use std::net::{SocketAddr, UdpSocket};
+use std::net::SocketAddr;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use common::keys;
-use plumbline_test_support::{command, program};
+use plumbline_test_support::{command, free_address, program};
 use tempfile::TempDir;
 
 use crate::boxes::{key, serial_number};
@@ -51,7 +51,7 @@ impl Bench {
     pub fn new(boxes: usize) -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let broker = Broker::start(folder.path())?;
-        let host = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let host = free_address();
         for number in 0..boxes {
             keys::know(folder.path(), &key(number));
             let file =

@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::Write as _;
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
@@ -10,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use plumbline_test_support::{Absent, is_emulated, skip};
+use plumbline_test_support::{Absent, free_port, is_emulated, skip};
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 
 use crate::bench::{PATIENCE, wait_for};
@@ -67,7 +66,7 @@ impl Broker {
             .unwrap();
         assert!(hashed.success());
         std::fs::write(folder.join("acl"), ACL.replace("/north/", "/ward/") + NARROW).unwrap();
-        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let port = free_port();
         let mut broker = Self { folder, port, child: None };
         let here = broker.folder.display();
         let settings = format!(

@@ -3,9 +3,8 @@
 use crate::common::{finished, keys};
 use plumbline_stream::fixture::known_box;
 use plumbline_stream::transport::{Event, Link, Transport, Udp};
-use plumbline_test_support::{board_beside, command};
+use plumbline_test_support::{board_beside, command, free_port};
 use std::io::Write;
-use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
@@ -41,7 +40,7 @@ impl TheBox {
                         pixel_format = \"grey\"\nrate_hz = 10.0\n";
         std::fs::write(folder.path().join("box.toml"), settings).unwrap();
         keys::known(folder.path());
-        let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let port = free_port();
         let udp = format!("127.0.0.1:{port}");
         let mut provision = vec!["provision", "--box", "box.toml", "--out", "box.plb"];
         provision.extend(["--camera", "trial/camera.toml", "--targets", "trial/targets.toml"]);
@@ -207,7 +206,7 @@ fn a_box_that_falls_silent_is_given_up() {
 fn wrong_inputs_are_named_with_the_remedy() {
     let folder = tempfile::tempdir().unwrap();
     keys::known(folder.path());
-    let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let port = free_port();
     let udp = format!("127.0.0.1:{port}");
     std::fs::create_dir(folder.path().join("directory.png")).unwrap();
     std::fs::write(folder.path().join("file"), "").unwrap();

@@ -1,16 +1,17 @@
 //! `plumb aim --expose` and a box that is played: its camera is linear, with a black level, and its lamp
 //! is known.
 
-use std::net::{SocketAddr, UdpSocket};
+use std::net::SocketAddr;
 
 use plumbline_stream::fixture::lit_box::{Left, LitBox, NAME};
+use plumbline_test_support::free_address;
 
 use crate::common::finished::{Finished, plumb};
 use crate::common::keys;
 
 /// Where `plumb` listens.
 fn host() -> SocketAddr {
-    UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
+    free_address()
 }
 
 fn expose(light_per_us: f32, takes_gain: bool, more: &[&str]) -> (Finished, Left) {

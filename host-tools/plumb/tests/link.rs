@@ -12,15 +12,11 @@ use plumbline::packet::{
 };
 use plumbline::seal::Key;
 use plumbline_stream::fixture::{self, OtherRelease, SealedBox};
-use plumbline_test_support::command;
+use plumbline_test_support::{command, free_address};
 use plumbline_trial::Trial;
 
 use crate::common::finished::{Finished, interrupt, plumb};
 use crate::common::keys;
-
-fn free_port() -> SocketAddr {
-    UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
-}
 
 /// `plumb` in this directory, in a thread; UDP is in its arguments the address.
 fn running(directory: &Path, udp: SocketAddr, arguments: &str) -> JoinHandle<Finished> {
@@ -61,7 +57,7 @@ fn shown(directory: &Path, udp: SocketAddr, sealed: &mut SealedBox) -> Finished 
 fn without_a_key_it_is_said_how_to_get_one() {
     let folder = tempfile::tempdir().unwrap();
     for arguments in ["show --udp UDP", "doctor --udp UDP", "receive --udp UDP"] {
-        let finished = running(folder.path(), free_port(), arguments).join().unwrap();
+        let finished = running(folder.path(), free_address(), arguments).join().unwrap();
         says(&finished, 2, &["no key of a box is known here", "plumb provision --new-key"]);
         says(&finished, 2, &["plumb keys import"]);
     }
@@ -72,7 +68,7 @@ fn a_box_whose_key_is_not_here_and_one_without_a_key_are_named() {
     let folder = tempfile::tempdir().unwrap();
     keys::known(folder.path());
     let other = Key::new([9; 32]).unwrap();
-    let udp = free_port();
+    let udp = free_address();
     let mut sealed = SealedBox::with_key(udp, 1, other.clone());
     let why = format!("a box is heard whose key, {}, this computer does not have", other.id());
     says(&shown(folder.path(), udp, &mut sealed), 2, &[&why, "plumb keys import"]);
@@ -90,7 +86,7 @@ fn assert_named((versions, schema_hash): ([u8; 2], u32), what: &str, remedy: &st
         ("doctor --udp UDP", 1, "FAIL  link"),
         ("show --udp UDP", 2, "error: UDP 127.0.0.1"),
     ] {
-        let udp = free_port();
+        let udp = free_address();
         let run = running(folder.path(), udp, arguments);
         let box_of_it = OtherRelease::new(udp, versions, schema_hash);
         while !run.is_finished() {
@@ -100,7 +96,7 @@ fn assert_named((versions, schema_hash): ([u8; 2], u32), what: &str, remedy: &st
         assert!(!folder.path().join("trial").exists());
     }
     // While it waits for a box that may come.
-    let udp = free_port();
+    let udp = free_address();
     let child = started(folder.path(), udp, "receive --udp UDP");
     let box_of_it = OtherRelease::new(udp, versions, schema_hash);
     // It announces itself each time, as a box does: the program needs a moment to listen.
@@ -147,7 +143,7 @@ fn a_program_that_ends_leaves_the_box() {
         // It never says who it is.
         ("show --udp UDP", None, 2),
     ] {
-        let udp = free_port();
+        let udp = free_address();
         let mut child = started(folder.path(), udp, arguments);
         let mut sealed = SealedBox::new(udp, fixture::START);
         sealed.meet();
@@ -184,7 +180,7 @@ fn recorded(
     mut send: impl FnMut(&mut SealedBox, u32, &Message, SocketAddr),
 ) -> (Finished, Vec<bool>, bool) {
     const FRAMES: u32 = 200;
-    let udp = free_port();
+    let udp = free_address();
     let receive =
         running(directory, udp, &format!("receive --udp UDP --anyway --out trial {more}"));
     let config = fixture::config();
@@ -242,7 +238,7 @@ fn a_box_that_records_is_aimed_by_force_alone() {
     keys::known(folder.path());
     const WHO: &str = "receive on desk records a trial, which it would disturb";
     for (more, is_forced) in [("", false), ("--force", true)] {
-        let udp = free_port();
+        let udp = free_address();
         let aim = running(folder.path(), udp, &format!("aim --udp UDP --once {more}"));
         let config = fixture::config();
         let mut blob = vec![0; plumbline::config::BLOB_BYTES_MAX];
@@ -313,7 +309,7 @@ fn a_second_program_on_a_port_is_told_which_one_it_is_and_what_to_do() {
     for (name, text) in [("camera.toml", CAMERA), ("targets.toml", TARGETS)] {
         std::fs::write(folder.path().join(name), text).unwrap();
     }
-    let [udp, marks] = [free_port(), free_port()];
+    let [udp, marks] = [free_address(), free_address()];
     let mut first = plumbline_test_support::command(env!("CARGO_BIN_EXE_plumb"));
     first.args(["receive", "--anyway", "--out", "first", "--udp", &udp.to_string()]);
     first.args(["--mark-udp", &marks.to_string()]).current_dir(folder.path());
@@ -340,7 +336,7 @@ fn a_second_program_on_a_port_is_told_which_one_it_is_and_what_to_do() {
         says(&finished, 2, &[&which, remedy]);
     }
     let second = format!("receive --udp UDP --anyway --out second --mark-udp {marks}");
-    let finished = running(folder.path(), free_port(), &second).join().unwrap();
+    let finished = running(folder.path(), free_address(), &second).join().unwrap();
     let which = format!("--mark-udp {marks}: another program listens there");
     says(
         &finished,

@@ -1,7 +1,7 @@
 //! What a technician reads while setting up a live box: the box's real program looks at a
 //! rendered scene, and one that refuses its configuration is played.
 
-use plumbline_test_support::{board_beside, command};
+use plumbline_test_support::{board_beside, command, free_address};
 use std::net::{SocketAddr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -148,11 +148,6 @@ pub fn board() -> Option<PathBuf> {
     board_beside(env!("CARGO_BIN_EXE_plumb"))
 }
 
-/// A port of this computer that nobody listens at.
-fn free_port() -> SocketAddr {
-    UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
-}
-
 /// A directory with the files of a box, and the address at which it is heard.
 pub struct Bench {
     pub folder: TempDir,
@@ -161,7 +156,7 @@ pub struct Bench {
 
 impl Bench {
     pub fn new(targets: &str) -> Self {
-        let bench = Self { folder: tempfile::tempdir().unwrap(), udp: free_port() };
+        let bench = Self { folder: tempfile::tempdir().unwrap(), udp: free_address() };
         bench.write("camera.toml", CAMERA);
         bench.write("targets.toml", targets);
         bench.write("box.toml", &bench.settings("PL-0001", bench.udp));
@@ -321,7 +316,7 @@ fn a_live_box_takes_a_configuration_and_gives_it_back() {
     assert_eq!(bench.config("box.plb"), sent);
 
     // It will be heard elsewhere, which is no fault.
-    let elsewhere = free_port();
+    let elsewhere = free_address();
     bench.write("away.toml", &bench.settings("PL-0002", elsewhere));
     let away = "--box away.toml --send --via-udp UDP";
     bench.provision(away).exits(2).says(&["would no longer be heard here", "--send --force"]);
@@ -345,7 +340,6 @@ fn a_recording_that_is_stopped_frees_the_box_at_once() {
         .current_dir(bench.folder.path())
         .stdin(Stdio::null())
         .stdout(Stdio::null())
-        .stderr(Stdio::null())
         .spawn()
         .unwrap();
     let provision = "--box box.toml --send --via-udp";
@@ -354,14 +348,15 @@ fn a_recording_that_is_stopped_frees_the_box_at_once() {
     let length = || std::fs::metadata(&packets).map_or(0, |it| it.len());
     let wait_until_longer = |than: u64| {
         let give_up = Instant::now() + Duration::from_secs(60);
-        while length() <= than && Instant::now() < give_up {
+        while length() <= than {
+            assert!(Instant::now() < give_up, "the recording has {than} bytes and no more");
             std::thread::sleep(Duration::from_millis(50));
         }
         length()
     };
     wait_until_longer(wait_until_longer(0));
     // Its port is taken: the other one calls the box where it was met last.
-    let other = bench.provision(&format!("{provision} {}", free_port()));
+    let other = bench.provision(&format!("{provision} {}", free_address()));
     interrupt(&receive);
     assert_eq!(receive.wait().unwrap().code(), Some(0));
     other.exits(2).says(&["records a trial", "--force"]);

@@ -1,7 +1,7 @@
 //! A rendered person is recorded from the box's real program: whole, cut off by `kill -9`, on a
 //! disk that is full, and once more from its packets.
 
-use plumbline_test_support::{Absent, board_beside, command, is_emulated, skip};
+use plumbline_test_support::{Absent, board_beside, command, free_address, is_emulated, skip};
 use std::net::{SocketAddr, UdpSocket};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
@@ -43,7 +43,7 @@ impl Bench {
             return None;
         }
         let board = board_beside(env!("CARGO_BIN_EXE_plumb"))?;
-        let udp = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let udp = free_address();
         let bench = Self { folder: tempfile::tempdir().unwrap(), udp, board };
         let settings =
             format!("device = \"ward 3\"\nserial_number = \"PL-0001\"\n[links]\nudp = \"{udp}\"\n");
@@ -185,7 +185,7 @@ fn recorded(folder: &Path) -> usize {
 #[test]
 fn a_trial_is_recorded_marked_analysed_and_replayed_bit_by_bit() {
     let Some(bench) = Bench::new() else { return };
-    let marks = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let marks = free_address();
     let mut receiver = bench.receive(&format!(
         "--out p01 --participant P01 --condition control --mark-udp {marks} --frames {}",
         FRAMES
@@ -270,7 +270,7 @@ fn a_trial_is_recorded_marked_analysed_and_replayed_bit_by_bit() {
 fn the_duration_counts_from_the_mark_and_the_mark_is_shown() {
     let Some(bench) = Bench::new() else { return };
     const DURATION_S: f64 = 2.0;
-    let marks = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let marks = free_address();
     let arguments =
         format!("receive --udp UDP --anyway --out p02 --mark-udp {marks} --duration {DURATION_S}");
     let mut command = bench.command(&arguments);

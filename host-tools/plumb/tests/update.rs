@@ -2,13 +2,13 @@
 //! way with a booted box, are tested elsewhere.
 
 use std::fs;
-use std::net::{SocketAddr, UdpSocket};
+use std::net::SocketAddr;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use plumbline::packet::UpdateRefusal;
 use plumbline_stream::fixture::{Cable, Fate, UpdatedBox};
-use plumbline_test_support::serial_lines;
+use plumbline_test_support::{free_address, serial_lines};
 use plumbline_update::header::{HEADER_BYTES, Header, KeyId, Text, slot_hash};
 use plumbline_update::sign::{SigningKey, signed};
 
@@ -37,10 +37,6 @@ fn file() -> Vec<u8> {
     [&signed(&header, &key)[..], &slot].concat()
 }
 
-fn free_port() -> SocketAddr {
-    UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
-}
-
 /// What `plumb update` makes of a box.
 fn updated(
     directory: &Path,
@@ -48,7 +44,7 @@ fn updated(
 ) -> (Finished, UpdatedBox) {
     keys::known(directory);
     fs::write(directory.join("new.plu"), file()).unwrap();
-    let udp = free_port();
+    let udp = free_address();
     let arguments = format!("update new.plu --udp {udp}");
     let directory = directory.to_owned();
     let program =

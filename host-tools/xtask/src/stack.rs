@@ -394,12 +394,14 @@ mod tests {
                     14:\tcall   *%rax\n  16:\tjmp    *%rax\n  18:\tjmp    14 <a+0x4>\n  \
                     1a:\tcall   40 <core::panicking::panic_fmt>\n\
                     0000000000000040 <core::panicking::panic_fmt>:\n";
-        let deepest = Program::of(text, [(16, 8)].into(), &BTreeMap::new()).deepest_from("a").unwrap();
+        let deepest =
+            Program::of(text, [(16, 8)].into(), &BTreeMap::new()).deepest_from("a").unwrap();
         assert_eq!(path(&deepest), [("a", 8)]);
         assert_eq!(Vec::from_iter(&deepest.uncounted), ["a pointer in a", "memcpy"]);
         let text = "0000000000000010 <a>:\n  10:\tmov    0x10(%rip),%rbp        # 50 <memset@GLIBC_2.2.5>\n  \
                     14:\tcall   *%rbp\n  16:\tmov    0x20(%rip),%rax        # 60 <a::TABLE>\n";
-        let deepest = Program::of(text, [(16, 8)].into(), &BTreeMap::new()).deepest_from("a").unwrap();
+        let deepest =
+            Program::of(text, [(16, 8)].into(), &BTreeMap::new()).deepest_from("a").unwrap();
         assert_eq!(Vec::from_iter(&deepest.uncounted), ["memset"]);
     }
 

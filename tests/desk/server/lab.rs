@@ -4,6 +4,7 @@
 use common::lsl::Lab;
 use plumbline::packet::PosePacket;
 use plumbline::target::Role;
+use plumbline_test_support::free_port;
 use plumbline_trial::Trial;
 use plumbline_trial::frame::Frame;
 use serde_json::json;
@@ -11,7 +12,7 @@ use serde_json::json;
 use super::client::{Page, hear, say};
 use super::protocol::marked;
 use crate::camera::{Shown, TheBox};
-use crate::stand::{Stand, free_port, packets_of};
+use crate::stand::{Stand, packets_of};
 
 const BOX: &str = "PL-0001";
 

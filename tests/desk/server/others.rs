@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use nix::pty::{OpenptyResult, openpty};
 use nix::sys::termios::{LocalFlags, tcgetattr};
-use plumbline_test_support::command;
+use plumbline_test_support::{command, free_port};
 use rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
 use rustls::crypto::ring;
 use rustls::pki_types::{CertificateDer, ServerName, UnixTime};
@@ -17,7 +17,7 @@ use rustls::{ClientConfig, ClientConnection, DigitallySignedStruct, SignatureSch
 use serde_json::{Value, json};
 
 use super::client::{Answer, connect, exchange};
-use crate::stand::{PATIENCE, Stand, free_port};
+use crate::stand::{PATIENCE, Stand};
 
 const PASSWORD: &str = "correct horse battery";
 

@@ -2,13 +2,14 @@
 
 use std::time::Duration;
 
+use plumbline_test_support::free_port;
 use plumbline_trial::Trial;
 use serde_json::{Value, json};
 
 use super::client::{Page, hear, say};
 use super::protocol::protocol;
 use crate::camera::{RATE_HZ, Shown, TheBox};
-use crate::stand::{Stand, free_port, lasted_s};
+use crate::stand::{Stand, lasted_s};
 
 const BOX: &str = "PL-0001";
 

@@ -1,15 +1,13 @@
 //! A box at the end of a serial cable: it is aimed and recorded, and missed when the cable is pulled out.
 
-use std::net::UdpSocket;
-
 use plumbline_stream::fixture::Cable;
-use plumbline_test_support::serial_lines;
+use plumbline_test_support::{free_address, free_port, serial_lines};
 use plumbline_trial::Trial;
 use serde_json::json;
 
 use super::protocol::protocol;
 use crate::camera::{Shown, TheBox};
-use crate::stand::{Stand, free_port};
+use crate::stand::Stand;
 
 const BOX: &str = "PL-0001";
 
@@ -24,7 +22,7 @@ fn a_box_on_a_serial_line_is_aimed_and_recorded() {
     let Some(mut stand) = Stand::new() else { return };
     let folder = stand.ready_box(BOX);
     // The desk does not hear it over the network.
-    stand.udp = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    stand.udp = free_address();
     let cable = Cable::new();
     let _the_box = TheBox::start_on(&folder, Shown::Person, RATE_HZ, Some(&cable.at_box));
     let desk = stand.desk_with(&format!("--port {} --serial {}", free_port(), cable.at_host));

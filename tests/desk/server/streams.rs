@@ -4,13 +4,14 @@
 use std::io::{BufRead as _, BufReader};
 use std::net::{TcpStream, UdpSocket};
 
+use plumbline_test_support::{free_address, free_port};
 use plumbline_trial::Trial;
 use serde_json::{Value, json};
 
 use super::client::connect;
 use super::protocol::marked;
 use crate::camera::{RATE_HZ, Shown, TheBox};
-use crate::stand::{Stand, free_port};
+use crate::stand::Stand;
 
 const BOX: &str = "PL-0001";
 
@@ -32,7 +33,7 @@ fn other_programs_get_every_frame_and_their_marks_count() {
     let folder = stand.ready_box(BOX);
     let _the_box = TheBox::start(&folder, Shown::Person, RATE_HZ);
     let json_port = free_port();
-    let marks = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let marks = free_address();
     let options = format!("--port {} --json {json_port} --mark-udp {marks}", free_port());
     let desk = stand.desk_with(&options);
     let page = desk.page();

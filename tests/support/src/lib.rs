@@ -6,6 +6,7 @@
 //! - [`command`], [`serial_lines`], [`program`], [`board_beside`]: this project's programs, in an
 //!   emulator too.
 //! - [`recording`]: rendered frames with known poses, in files.
+//! - [`free_port`], [`free_address`]: where a program can listen.
 //! - [`mutations`]: damaged versions of a good file.
 //! - [`evidence`], [`repetitions`], [`seed`]: what is tried many times, and what was found.
 //! - [`fuzz`]: what `cargo xtask fuzz` tries.
@@ -25,6 +26,7 @@
 mod evidence;
 pub mod fuzz;
 mod mutations;
+mod ports;
 mod recordings;
 mod skips;
 
@@ -35,6 +37,7 @@ use std::process::Command;
 
 pub use evidence::{SEED, SHARE, evidence, repetitions, seed};
 pub use mutations::mutations;
+pub use ports::{free_address, free_port, free_ports};
 pub use recordings::{
     CONFIG_FILE, FRAMES_FILE, PROGRAMS, RECORDINGS, STANDARD, STANDARD_FRAMES, TRUTH_FILE, VGA,
 };

@@ -3,13 +3,13 @@
 
 use std::env;
 use std::fs;
-use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::LazyLock;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use plumbline_test_support::free_port;
 use serde_json::Value;
 
 use crate::{DIST, WINE};
@@ -246,7 +246,7 @@ fn tracked_poses_are_the_same_to_the_last_bit() {
 #[test]
 fn a_box_is_received_recorded_reported_and_compared() {
     let bench = &*BENCH;
-    let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let port = free_port();
     let address = format!("127.0.0.1:{port}");
     let mut trials = Vec::new();
     for (seed, (participant, condition)) in (1..).zip(TRIALS) {

@@ -1,0 +1,55 @@
+//! Ports for programs that a test starts.
+//!
+//! The test must know a port before the program listens at it. A port that the kernel has chosen, and
+//! that is free again until then, can go to any other socket in the meantime: each that wants no
+//! port in particular is given one. These lie below the kernel's, and a process gives each away once.
+
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, UdpSocket};
+use std::sync::atomic::{AtomicU16, Ordering};
+
+/// Above those of well-known services; Linux gives away 32,768 and above.
+const FIRST: u16 = 12_000;
+
+/// How many there are.
+const PORTS: u16 = 20_000;
+
+/// How far apart two processes begin that have started one after the other.
+const APART: u32 = 64;
+
+/// A port of this computer that nobody listens at, for UDP or TCP.
+///
+/// # Panics
+/// When none is free.
+pub fn free_port() -> u16 {
+    free_ports(1)
+}
+
+/// The same at this computer's own address.
+///
+/// # Panics
+/// As [`free_port`].
+pub fn free_address() -> SocketAddr {
+    (Ipv4Addr::LOCALHOST, free_port()).into()
+}
+
+/// The first of so many free ports in a row.
+///
+/// # Panics
+/// As [`free_port`].
+pub fn free_ports(count: u16) -> u16 {
+    static GIVEN: AtomicU16 = AtomicU16::new(0);
+    let is_free = |port: u16| {
+        let everywhere = (Ipv4Addr::UNSPECIFIED, port);
+        UdpSocket::bind(everywhere).is_ok() && TcpListener::bind(everywhere).is_ok()
+    };
+    let begin = std::process::id().wrapping_mul(APART) % u32::from(PORTS);
+    for _ in 0..PORTS {
+        let given = u32::from(GIVEN.fetch_add(count, Ordering::Relaxed));
+        let place = (begin + given) % u32::from(PORTS);
+        let first = FIRST + u16::try_from(place).expect("it is less than the number of ports");
+        if (first..first + count).all(is_free) {
+            return first;
+        }
+    }
+    panic!("no {count} ports in a row are free from {FIRST} on");
+}
