@@ -391,6 +391,11 @@ fn on_this_machine(
     // the tests, with the features that these request.
     let build = ["build", "--workspace", "--all-targets"];
     let built = journal.check("build", || Task::cargo().args(build).run());
+    if built && later.contains(&Part::Boot) {
+        // Of one crate, while the other processor cores build ahead; and cargo, which does one thing at a
+        // time in a directory, is then free for what runs beside the booted boxes.
+        journal.check("build for boot", || Task::cargo().args(["build"]).args(BOOT_TESTS).run());
+    }
     let programs = target_directory().join("debug");
     journal.programs = built.then(|| programs.clone());
     let recordings = if built { recordings(journal) } else { None };
@@ -538,22 +543,29 @@ pub fn boot_with_camera() -> Result<Task> {
 /// Boots the box and observes it from outside in the tests that `which` chooses: two machines at a time, since
 /// each keeps most of a processor core busy. Beside them runs what was left for that.
 fn boot(journal: &mut Journal, which: &[&str]) {
-    let mut images = PathBuf::new();
-    let made = journal.check("images", || {
-        images = image::make_for_tests(image::Profile::Dev)?;
-        Ok(())
-    });
-    let environment = [(IMAGES, images), (SKIPS, journal.skips.clone())];
-    let cargo = || {
-        let set =
-            |task: Task, (name, path): &(&str, PathBuf)| task.env(name, &path.to_string_lossy());
-        environment.iter().fold(Task::cargo(), set)
-    };
-    let suite =
-        Suite { cargo: &cargo, selection: &BOOT_TESTS, emulator: None, with_documentation: false };
-    let programs = if made { journal.built("build tests", &suite) } else { None };
     let left = std::mem::take(&mut journal.left);
     journal.beside(left, |journal| {
+        let mut images = PathBuf::new();
+        let made = journal.check("images", || {
+            images = image::make_for_tests(image::Profile::Dev)?;
+            Ok(())
+        });
+        if !made {
+            return;
+        }
+        let environment = [(IMAGES, images), (SKIPS, journal.skips.clone())];
+        let cargo = || {
+            environment
+                .iter()
+                .fold(Task::cargo(), |task, (name, path)| task.env(name, &path.to_string_lossy()))
+        };
+        let suite = Suite {
+            cargo: &cargo,
+            selection: &BOOT_TESTS,
+            emulator: None,
+            with_documentation: false,
+        };
+        let programs = journal.built("build tests", &suite);
         let Some(program) = programs.iter().flatten().next() else { return };
         let task = suite.task(program).args(["--nocapture"]).args(which);
         journal.tests("tests", |each_line| {

@@ -45,7 +45,7 @@ pub fn settle() -> Result<()> {
     }
     println!("Starting again with Rust {PINNED}");
     let error = Command::new("rustup")
-        .args(["run", PINNED, "cargo", "run", "--quiet", LOCKED, "--package", "xtask", "--"])
+        .args(["run", PINNED, "cargo", "run", "--quiet", LOCKED, "--bin", "xtask", "--"])
         .args(env::args_os().skip(1))
         .current_dir(root())
         .env(SETTLED, "1")
