@@ -63,6 +63,57 @@ pub struct FoundTarget<'a> {
     pub corners: &'a [Corner],
 }
 
+/// Pixels that a pipeline measures.
+///
+/// What is generic is compiled by each crate that uses it. This trait's functions are not generic once
+/// it is implemented: they, and with them all that measures a frame, are compiled with this crate alone.
+pub trait Measurable: Pixel {
+    /// As [`Pipeline::step`].
+    fn step(pipeline: &mut Pipeline, frame: &GreyImage<'_, Self>, capture_time_ns: u64) -> Report;
+
+    /// As [`Pipeline::step_found`].
+    fn step_found(
+        pipeline: &mut Pipeline,
+        frame: &GreyImage<'_, Self>,
+        capture_time_ns: u64,
+        found: &[Result<FoundTarget<'_>, GridRejection>],
+    ) -> Report;
+
+    /// As [`Pipeline::view`].
+    fn view(
+        pipeline: &mut Pipeline,
+        frame: &GreyImage<'_, Self>,
+    ) -> (FrameView, Vec<TargetView, TARGETS_MAX>);
+}
+
+macro_rules! measurable {
+    ($($pixel:ty),+) => {$(
+        impl Measurable for $pixel {
+            fn step(pipeline: &mut Pipeline, frame: &GreyImage<'_, Self>, time_ns: u64) -> Report {
+                pipeline.measure(frame, time_ns)
+            }
+
+            fn step_found(
+                pipeline: &mut Pipeline,
+                frame: &GreyImage<'_, Self>,
+                time_ns: u64,
+                found: &[Result<FoundTarget<'_>, GridRejection>],
+            ) -> Report {
+                pipeline.measure_found(frame, time_ns, found)
+            }
+
+            fn view(
+                pipeline: &mut Pipeline,
+                frame: &GreyImage<'_, Self>,
+            ) -> (FrameView, Vec<TargetView, TARGETS_MAX>) {
+                pipeline.appearances(frame)
+            }
+        }
+    )+};
+}
+
+measurable!(u8, u16);
+
 /// What all targets of a frame have in common.
 #[derive(Clone, Copy)]
 struct Camera<'a> {
@@ -195,7 +246,39 @@ impl Pipeline {
     ///
     /// `capture_time_ns` is the middle of the exposure of the row that was read first, on the
     /// capture clock; only differences matter.
-    pub fn step<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, capture_time_ns: u64) -> Report {
+    pub fn step<P: Measurable>(
+        &mut self,
+        frame: &GreyImage<'_, P>,
+        capture_time_ns: u64,
+    ) -> Report {
+        P::step(self, frame, capture_time_ns)
+    }
+
+    /// Measures a frame that stands for itself, from what the caller's search has found: for each
+    /// target its grid, or why there is none. Targets beyond the end of `found` are not measured.
+    /// One frame does not tell a velocity: with a rolling shutter the targets should stand still, and
+    /// their covariances are those of targets that may sway.
+    pub fn step_found<P: Measurable>(
+        &mut self,
+        frame: &GreyImage<'_, P>,
+        capture_time_ns: u64,
+        found: &[Result<FoundTarget<'_>, GridRejection>],
+    ) -> Report {
+        P::step_found(self, frame, capture_time_ns, found)
+    }
+
+    /// The appearance of the frame that was measured last, and of each target measured in it. This
+    /// changes no result, and takes about as long as a tracked frame.
+    #[must_use]
+    pub fn view<P: Measurable>(
+        &mut self,
+        frame: &GreyImage<'_, P>,
+    ) -> (FrameView, Vec<TargetView, TARGETS_MAX>) {
+        P::view(self, frame)
+    }
+
+    /// As [`step`](Self::step).
+    fn measure<P: Pixel>(&mut self, frame: &GreyImage<'_, P>, capture_time_ns: u64) -> Report {
         if lens_fits(&self.lens, frame) {
             self.measure_tracked(frame, capture_time_ns);
             self.search_missing(frame, capture_time_ns);
@@ -205,11 +288,8 @@ impl Pipeline {
         self.finish(capture_time_ns)
     }
 
-    /// Measures a frame that stands for itself, from what the caller's search has found: for each
-    /// target its grid, or why there is none. Targets beyond the end of `found` are not measured.
-    /// One frame does not tell a velocity: with a rolling shutter the targets should stand still, and
-    /// their covariances are those of targets that may sway.
-    pub fn step_found<P: Pixel>(
+    /// As [`step_found`](Self::step_found).
+    fn measure_found<P: Pixel>(
         &mut self,
         frame: &GreyImage<'_, P>,
         capture_time_ns: u64,
@@ -257,10 +337,8 @@ impl Pipeline {
         report
     }
 
-    /// The appearance of the frame that was measured last, and of each target measured in it. This
-    /// changes no result, and takes about as long as a tracked frame.
-    #[must_use]
-    pub fn view<P: Pixel>(
+    /// As [`view`](Self::view).
+    fn appearances<P: Pixel>(
         &mut self,
         frame: &GreyImage<'_, P>,
     ) -> (FrameView, Vec<TargetView, TARGETS_MAX>) {

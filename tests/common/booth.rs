@@ -2,10 +2,10 @@
 
 use nalgebra::{Vector3, Vector6};
 use plumbline::config::{Config, Links, Machine, TargetConfig};
-use plumbline::image::{GreyImage, Pixel};
+use plumbline::image::GreyImage;
 use plumbline::lens::{Distortion, Lens};
 use plumbline::parts::Shutter;
-use plumbline::pipeline::Pipeline;
+use plumbline::pipeline::{Measurable, Pipeline};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::Measurement;
 use plumbline::report::NoPose;
@@ -201,14 +201,21 @@ impl Booth {
     }
 
     /// Measures the pixels as the next frame.
-    pub fn measure<P: Pixel>(&mut self, pixels: &[P], white: u16) -> Result<Measurement, NoPose> {
+    pub fn measure<P: Measurable>(
+        &mut self,
+        pixels: &[P],
+        white: u16,
+    ) -> Result<Measurement, NoPose> {
         let (width, height) = (usize::from(WIDTH), usize::from(HEIGHT));
         let view = GreyImage::with_white_level(pixels, width, height, width, white);
         self.look_at(&view.expect("a whole frame"))
     }
 
     /// Measures an image as the next frame.
-    pub fn look_at<P: Pixel>(&mut self, image: &GreyImage<'_, P>) -> Result<Measurement, NoPose> {
+    pub fn look_at<P: Measurable>(
+        &mut self,
+        image: &GreyImage<'_, P>,
+    ) -> Result<Measurement, NoPose> {
         let time_ns = self.time_ns();
         self.frame += 1;
         self.pipeline.step(image, time_ns).targets[0].measurement

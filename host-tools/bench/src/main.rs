@@ -21,10 +21,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail, ensure};
 use nalgebra::Vector3;
 use plumbline::config::Config;
-use plumbline::image::{GreyImage, Pixel};
+use plumbline::image::GreyImage;
 use plumbline::lens_table::LensTable;
 use plumbline::packet::{MarkedInstant, Message, PosePacket, SCHEMA_HASH, Start};
-use plumbline::pipeline::Pipeline;
+use plumbline::pipeline::{Measurable, Pipeline};
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::Report;
 use plumbline::seal::{Key, OneWay, SEALED_BYTES_MAX, StreamSealer};
@@ -89,7 +89,7 @@ struct Bench<P> {
     truth: Vec<Vec<Pose<Cam, Target>>>,
 }
 
-impl<P: Pixel> Bench<P> {
+impl<P: Measurable> Bench<P> {
     /// `samples` extracts the samples from a plane's bytes.
     fn read(
         directory: &Path,

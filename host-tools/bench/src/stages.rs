@@ -9,13 +9,13 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use plumbline::image::Pixel;
 use plumbline::lens::ray_of;
 use plumbline::parts::{
     Appearance, Batch, CornerList, Detector, FrameBorder, GridFinder, Light, Motion, Nodes,
     SeenEdge, SeenEdges, View, Workspace, fit_edge, locate_edge, mirror_image, points_mm,
     robust_cost_after_step, solve,
 };
+use plumbline::pipeline::Measurable;
 use plumbline::pose::{Cam, Pose, Target};
 use plumbline::report::GridRejection;
 
@@ -25,7 +25,7 @@ use crate::{Bench, SEARCH_EVERY, say_times};
 const ITERATIONS: usize = 2;
 
 /// Measures and prints all the parts.
-pub fn measure<P: Pixel>(bench: &Bench<P>) -> Result<()> {
+pub fn measure<P: Measurable>(bench: &Bench<P>) -> Result<()> {
     let known = searching(bench)?;
     tracking(bench, &known)?;
     lens(bench);
@@ -34,7 +34,7 @@ pub fn measure<P: Pixel>(bench: &Bench<P>) -> Result<()> {
 
 /// The nodes of both targets put into the frame, by the lens's table, and by the model that the
 /// camera was calibrated with, which tracking does not use.
-fn lens<P: Pixel>(bench: &Bench<P>) {
+fn lens<P: Measurable>(bench: &Bench<P>) {
     let [mut by_table, mut by_model] = [const { Vec::new() }; 2];
     for poses in &bench.truth {
         let targets = bench.config.targets.iter().zip(poses);
@@ -65,7 +65,7 @@ struct Known {
 }
 
 /// The parts of a search; returns what the last one found of each target.
-fn searching<P: Pixel>(bench: &Bench<P>) -> Result<Vec<Known>> {
+fn searching<P: Measurable>(bench: &Bench<P>) -> Result<Vec<Known>> {
     let targets = &bench.config.targets;
     let mut detector = Box::new(Detector::new());
     let mut corners = Box::new(CornerList::new());
@@ -116,7 +116,7 @@ struct Parts {
 }
 
 /// The parts of a tracked frame.
-fn tracking<P: Pixel>(bench: &Bench<P>, known: &[Known]) -> Result<()> {
+fn tracking<P: Measurable>(bench: &Bench<P>, known: &[Known]) -> Result<()> {
     let mut tracker = Tracker { nodes: Nodes::new(), batch: Batch::new() };
     let mut frames = Vec::new();
     for frame in 3..bench.frames.len() {
@@ -154,7 +154,7 @@ struct Tracker {
 
 impl Tracker {
     /// Follows `Workspace::track`, without its bookkeeping.
-    fn track<P: Pixel>(
+    fn track<P: Measurable>(
         &mut self,
         bench: &Bench<P>,
         frame: usize,

@@ -12,7 +12,7 @@
 use plumbline::image::{GreyImage, Pixel};
 use plumbline::limits::FRAME_SIDE_PX_MIN;
 use plumbline::parts::{Corner, CornerList, Detector, FrameBorder, Grid, GridFinder, refined};
-use plumbline::pipeline::{FoundTarget, Pipeline};
+use plumbline::pipeline::{FoundTarget, Measurable, Pipeline};
 use plumbline::report::{GridRejection, Report};
 use plumbline::target::GridShape;
 
@@ -130,7 +130,7 @@ impl Search {
 
     /// The report on a photograph that stands for itself: the boards of the wanted shapes, which are
     /// those of the pipeline's targets in their order, searched here and measured by the pipeline.
-    pub fn measure<P: Pixel>(
+    pub fn measure<P: Measurable>(
         &mut self,
         pipeline: &mut Pipeline,
         image: &GreyImage<'_, P>,

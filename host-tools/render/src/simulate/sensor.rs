@@ -20,19 +20,33 @@ const READ_VARIANCE_SHARE: f32 = 0.25;
 pub trait Sample: Copy + Default + Send {
     /// The whole number nearest to a level that is not negative and fits the type.
     fn rounded(level: f32) -> Self;
+
+    /// As [`Sensor::expose`]. Not generic once it is implemented, so that it is compiled with this crate
+    /// and not with each that calls it, less optimised.
+    fn expose(sensor: &Sensor, picture: &Picture, seed: u64, frame: u64, samples: &mut [Self]);
 }
 
-impl Sample for u8 {
-    fn rounded(level: f32) -> Self {
-        (level + 0.5) as u8
-    }
+macro_rules! sample {
+    ($($sample:ty),+) => {$(
+        impl Sample for $sample {
+            fn rounded(level: f32) -> Self {
+                (level + 0.5) as Self
+            }
+
+            fn expose(
+                sensor: &Sensor,
+                picture: &Picture,
+                seed: u64,
+                frame: u64,
+                samples: &mut [Self],
+            ) {
+                sensor.sample(picture, seed, frame, samples);
+            }
+        }
+    )+};
 }
 
-impl Sample for u16 {
-    fn rounded(level: f32) -> Self {
-        (level + 0.5) as u16
-    }
-}
+sample!(u8, u16);
 
 /// A sensor's noise and resolution.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,6 +65,10 @@ impl Sensor {
     /// # Panics
     /// When `samples` is not as long as the picture, which is a caller's bug.
     pub fn expose<S: Sample>(&self, picture: &Picture, seed: u64, frame: u64, samples: &mut [S]) {
+        S::expose(self, picture, seed, frame, samples);
+    }
+
+    fn sample<S: Sample>(&self, picture: &Picture, seed: u64, frame: u64, samples: &mut [S]) {
         assert_eq!(samples.len(), picture.grey.len());
         let variance = self.noise_levels * self.noise_levels;
         let read_variance = variance * READ_VARIANCE_SHARE;
