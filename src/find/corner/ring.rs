@@ -181,7 +181,8 @@ fn fill_half<P: Pixel>(bytes: &mut [u8], upper: &[P], lower: &[P], shift: u32) {
 
 #[inline(always)]
 fn mean_of_2(a: u8, b: u8) -> u8 {
-    (a | b) - ((a ^ b) >> 1)
+    // It is never below 0; a check would have each lane computed by itself.
+    (a | b).wrapping_sub((a ^ b) >> 1)
 }
 
 /// Whether a response is larger than its neighbours before it in reading order, and at least as
@@ -211,7 +212,7 @@ fn mean(a: Lanes, b: Lanes) -> Lanes {
 
 #[inline(always)]
 fn difference(a: Lanes, b: Lanes) -> Lanes {
-    core::array::from_fn(|n| a[n].max(b[n]) - a[n].min(b[n]))
+    core::array::from_fn(|n| a[n].abs_diff(b[n]))
 }
 
 #[inline(always)]
