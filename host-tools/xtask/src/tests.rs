@@ -543,8 +543,20 @@ pub fn boot_with_camera() -> Result<Task> {
 /// Boots the box and observes it from outside in the tests that `which` chooses: two machines at a time, since
 /// each keeps most of a processor core busy. Beside them runs what was left for that.
 fn boot(journal: &mut Journal, which: &[&str]) {
+    let mut environment = vec![(SKIPS, journal.skips.clone())];
+    environment.extend(journal.programs.clone().map(|programs| (PROGRAMS, programs)));
+    let cargo = || {
+        environment
+            .iter()
+            .fold(Task::cargo(), |task, (name, path)| task.env(name, &path.to_string_lossy()))
+    };
+    let suite =
+        Suite { cargo: &cargo, selection: &BOOT_TESTS, emulator: None, with_documentation: false };
+    // What is left uses cargo in the same directory: it begins when this does not need it any more.
+    let programs = journal.built("build tests", &suite);
     let left = std::mem::take(&mut journal.left);
     journal.beside(left, |journal| {
+        let Some(program) = programs.iter().flatten().next() else { return };
         let mut images = PathBuf::new();
         let made = journal.check("images", || {
             images = image::make_for_tests(image::Profile::Dev)?;
@@ -553,21 +565,8 @@ fn boot(journal: &mut Journal, which: &[&str]) {
         if !made {
             return;
         }
-        let environment = [(IMAGES, images), (SKIPS, journal.skips.clone())];
-        let cargo = || {
-            environment
-                .iter()
-                .fold(Task::cargo(), |task, (name, path)| task.env(name, &path.to_string_lossy()))
-        };
-        let suite = Suite {
-            cargo: &cargo,
-            selection: &BOOT_TESTS,
-            emulator: None,
-            with_documentation: false,
-        };
-        let programs = journal.built("build tests", &suite);
-        let Some(program) = programs.iter().flatten().next() else { return };
-        let task = suite.task(program).args(["--nocapture"]).args(which);
+        let task = suite.task(program).env(IMAGES, &images.to_string_lossy());
+        let task = task.args(["--nocapture"]).args(which);
         journal.tests("tests", |each_line| {
             each_line(&program.heading());
             task.run_and_read(each_line)

@@ -13,7 +13,7 @@ use crate::root;
 pub const RECORDINGS: &str = "PLUMBLINE_RECORDINGS";
 
 /// Names the directory with this project's programs, where they are built; without it they are
-/// built when a test starts one. Cargo rebuilds them for each selection of packages.
+/// built when a test starts one.
 pub const PROGRAMS: &str = "PLUMBLINE_PROGRAMS";
 
 /// Frames of the standard recording.
@@ -100,7 +100,8 @@ pub fn program(name: &str) -> Result<PathBuf, String> {
         return Ok(Path::new(&directory).join(name));
     }
     let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    cargo.args(["build", "--quiet", "--locked", "--package", name, "--bin", name]);
+    // Of the whole workspace, so that what it uses has the features, and so the builds, of the tests.
+    cargo.args(["build", "--quiet", "--locked", "--workspace", "--bin", name]);
     cargo.arg("--message-format=json-render-diagnostics");
     let messages = run(cargo)?;
     let executable = messages
