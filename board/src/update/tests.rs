@@ -124,25 +124,23 @@ fn send(updates: &mut Updates, sender: UpdaterId, file: &[u8]) -> (UpdateState, 
     assert!(matches!(begun, UpdateOutcome::State { state, .. } if state == empty));
     assert!(!updates.look_after(0, false), "nothing has come of it yet");
     let mut has_come = false;
-    let mut taken = 0;
+    let mut before = 0;
     let give_up = Instant::now() + WRITTEN_WITHIN;
     while Instant::now() < give_up {
         has_come |= updates.look_after(0, false);
-        let now = state(updates);
-        let UpdateState::Receiving { next } = now.0 else {
-            if now.0 == UpdateState::Checking {
-                sleep(Duration::from_millis(1));
-                continue;
+        let from = match state(updates) {
+            (UpdateState::Receiving { next }, _) => next as usize,
+            (UpdateState::Checking, _) => file.len(),
+            now => {
+                assert!(has_come || now.0 != UpdateState::Ready);
+                return now;
             }
-            assert!(has_come || now.0 != UpdateState::Ready);
-            return now;
         };
-        let from = next as usize;
-        if from == taken && from > 0 {
-            // What has come is being written: a thread of its own does that.
+        if from == before {
+            // A thread of its own writes and checks.
             sleep(Duration::from_millis(1));
         }
-        taken = from;
+        before = from;
         for (index, bytes) in file[from..].chunks(UPDATE_PART_BYTES_MAX).take(500).enumerate() {
             if !random.random_bool(0.1) {
                 updates.take(sender, (from + index * UPDATE_PART_BYTES_MAX) as u32, bytes);

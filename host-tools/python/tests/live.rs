@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::io::{BufRead as _, BufReader};
-use std::net::{SocketAddr, UdpSocket};
 use std::os::unix::fs::PermissionsExt as _;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
@@ -10,6 +9,7 @@ use std::time::{Duration, Instant};
 use plumbline::packet::{AnatomicalPoint, Message, PosePacket};
 use plumbline_stream::fixture::{START, config, hello, key, pose_packet};
 use plumbline_stream::sealed_box::SealedBox;
+use plumbline_test_support::free_address;
 use serde_json::Value;
 
 use crate::bench::Bench;
@@ -35,11 +35,6 @@ fn know(bench: &Bench) {
     );
     fs::write(&file, text).unwrap();
     fs::set_permissions(&file, fs::Permissions::from_mode(0o600)).unwrap();
-}
-
-/// A port that is free now.
-fn free_address() -> SocketAddr {
-    UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
 }
 
 fn packet(sequence: u32) -> PosePacket {

@@ -181,7 +181,7 @@ fn fill_half<P: Pixel>(bytes: &mut [u8], upper: &[P], lower: &[P], shift: u32) {
 
 #[inline(always)]
 fn mean_of_2(a: u8, b: u8) -> u8 {
-    // It is never below 0; a check would have each lane computed by itself.
+    // Never below 0. With a check for that, the compiler would compute one lane at a time.
     (a | b).wrapping_sub((a ^ b) >> 1)
 }
 

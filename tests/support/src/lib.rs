@@ -6,7 +6,7 @@
 //! - [`command`], [`serial_lines`], [`program`], [`board_beside`]: this project's programs, in an
 //!   emulator too.
 //! - [`recording`]: rendered frames with known poses, in files.
-//! - [`free_port`], [`free_address`]: where a program can listen.
+//! - [`free_port`], [`free_address`], [`free_ports`]: where a program can listen.
 //! - [`mutations`]: damaged versions of a good file.
 //! - [`evidence`], [`repetitions`], [`seed`]: what is tried many times, and what was found.
 //! - [`fuzz`]: what `cargo xtask fuzz` tries.

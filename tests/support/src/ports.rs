@@ -53,3 +53,22 @@ pub fn free_ports(count: u16) -> u16 {
     }
     panic!("no {count} ports in a row are free from {FIRST} on");
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_port_is_given_twice_or_is_one_of_the_kernels() {
+        let mut given: Vec<u16> = (0..40).map(|_| free_port()).collect();
+        for _ in 0..3 {
+            let first = free_ports(5);
+            given.extend(first..first + 5);
+        }
+        assert!(given.iter().all(|port| (FIRST..32_768).contains(port)), "{given:?}");
+        let count = given.len();
+        given.sort_unstable();
+        given.dedup();
+        assert_eq!(given.len(), count);
+    }
+}
