@@ -27,7 +27,7 @@ fn after_a_power_cut_at_any_moment_the_next_boot_tracks() {
     let before = read(&disk);
     for cut in 1..=5 {
         // From the kernel's first steps until well into the tracking, on a quiet machine.
-        let moment = Duration::from_millis(random.random_range(0..25_000));
+        let moment = Duration::from_millis(random.random_range(0..15_000));
         let machine = crate::boot_with_camera(&host, &disk, "");
         sleep(moment);
         let tracked = machine.look(|seen| first_pose(seen).is_some());

@@ -202,7 +202,8 @@ impl Part {
             Self::Arm => arm(journal, arguments.all)?,
             Self::Armhf => armhf(journal)?,
             Self::BareMetal => bare_metal(journal, arguments.document()),
-            Self::Boot => boot(journal, &["--test-threads=2", "--skip", FIRST_TRIAL]),
+            // Machines at a time: two thirds of a processor core is what each keeps busy.
+            Self::Boot => boot(journal, &["--test-threads=3", "--skip", FIRST_TRIAL]),
             Self::FirstTrial => boot(journal, &["--exact", FIRST_TRIAL]),
             Self::Cohort => named::cohort(journal),
             Self::Long => named::long(journal),

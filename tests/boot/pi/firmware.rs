@@ -290,6 +290,9 @@ impl Firmware<'_> {
                 }
                 // kernel: Documentation/admin-guide/kernel-parameters.txt.
                 "quiet" => {}
+                // kernel: Documentation/admin-guide/kernel-parameters.txt: a parameter of what is built
+                // in. The box uses none of the kernel's cryptography, and starts the sooner.
+                "cryptomgr.notests" => self.needs_built_in(word, "CRYPTO_MANAGER"),
                 "cpufreq.default_governor=performance" => {
                     self.needs_built_in(word, "CPU_FREQ_GOV_PERFORMANCE");
                 }
