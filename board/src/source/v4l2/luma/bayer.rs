@@ -13,6 +13,8 @@
 //!
 //! Sums are not divided, so that nothing is rounded: white is [`WHITE`].
 
+use std::num::Wrapping;
+
 use plumbline::image::GreyImage;
 
 /// White of the sums: eight times that of a sample.
@@ -54,17 +56,21 @@ fn inner_sums([above, here, below]: [&[u8]; 3], begins_green: bool, to: &mut [u1
         [&row[..count], &row[1..][..count], &row[2..][..count]]
     });
     for (x, to) in to.iter_mut().enumerate() {
-        let samples = [above, here, below].map(|row| row.map(|row| row[x]));
-        *to = sum(samples, begins_green == x.is_multiple_of(2));
+        let at = |row: [&[u8]; 3]| [row[0][x], row[1][x], row[2][x]];
+        *to = sum([at(above), at(here), at(below)], begins_green == x.is_multiple_of(2));
     }
 }
 
-/// Eight times the green level of the middle of 3 x 3 samples.
-fn sum(samples: [[u8; 3]; 3], is_green: bool) -> u16 {
-    let [above, here, below] = samples.map(|row| row.map(u16::from));
-    let of_green = 4 * here[1] + above[0] + above[2] + below[0] + below[2];
-    let of_other = 2 * (here[0] + here[2] + above[1] + below[1]);
-    if is_green { of_green } else { of_other }
+/// Eight times the green level of the middle of 3 x 3 samples. No sum is above [`WHITE`], so none
+/// wraps; where arithmetic is checked, the check of each would keep the compiler from treating many
+/// pixels at once.
+fn sum([above, here, below]: [[u8; 3]; 3], is_green: bool) -> u16 {
+    let level = |sample: u8| Wrapping(u16::from(sample));
+    let corners = level(above[0]) + level(above[2]) + level(below[0]) + level(below[2]);
+    let sides = level(above[1]) + level(here[0]) + level(here[2]) + level(below[1]);
+    let Wrapping(sum) =
+        if is_green { Wrapping(4) * level(here[1]) + corners } else { Wrapping(2) * sides };
+    sum
 }
 
 /// The place before another; before the first one its mirror image.
