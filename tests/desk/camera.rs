@@ -16,12 +16,9 @@ use tempfile::TempDir;
 
 use crate::stand::{PATIENCE, plumb};
 
-/// The pace of the box's camera.
-pub const RATE_HZ: usize = 60;
-
-/// At this rate a box that shares a busy computer keeps its camera's pace, and has measured the times that
-/// are compared.
-pub const CALM_RATE_HZ: usize = 30;
+/// The pace of the box's camera: at this rate a box that shares a busy computer keeps it, and has measured
+/// the times that are compared.
+pub const RATE_HZ: usize = 30;
 
 /// The lens of the recordings is that of a small camera: a frame costs the box little.
 const SIZE_PX: (u32, u32) = (640, 480);

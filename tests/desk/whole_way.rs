@@ -4,7 +4,7 @@ use std::path::Path;
 
 use plumbline_trial::Trial;
 
-use crate::camera::{CALM_RATE_HZ, Shown, TheBox};
+use crate::camera::{Shown, TheBox};
 use crate::stage::Stage;
 
 /// Has the camera show what a script asks for.
@@ -27,7 +27,7 @@ fn go_by(hands: &str) {
     stage.browse("whole_way.py", &[&desk.url, hands], |asked| match asked.strip_prefix("start ") {
         Some(card) => {
             stage.put_in(Path::new(card));
-            the_box = Some(stage.start_box_at(Shown::Photograph(0), CALM_RATE_HZ));
+            the_box = Some(stage.start_box(Shown::Photograph(0)));
             "started".to_owned()
         }
         None => show(the_box.as_ref().expect("a box that was started"), asked),

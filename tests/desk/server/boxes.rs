@@ -4,13 +4,10 @@ use plumbline_trial::Trial;
 use serde_json::json;
 
 use super::protocol::protocol;
-use crate::camera::{Shown, TheBox};
+use crate::camera::{RATE_HZ, Shown, TheBox};
 use crate::stand::{Stand, lasted_s};
 
 const BOXES: [&str; 3] = ["PL-0001", "PL-0002", "PL-0003"];
-
-/// What its rate on a loaded computer is: three boxes render nothing, but track.
-const RATE_HZ: usize = 30;
 
 #[test]
 fn of_three_boxes_one_is_unplugged() {

@@ -11,14 +11,10 @@ use serde_json::json;
 
 use super::client::{Page, hear, say};
 use super::protocol::marked;
-use crate::camera::{Shown, TheBox};
+use crate::camera::{RATE_HZ, Shown, TheBox};
 use crate::stand::{Stand, packets_of};
 
 const BOX: &str = "PL-0001";
-
-/// At this rate a box that shares a busy computer keeps its camera's pace: by its pace the two clocks are
-/// compared.
-const RATE_HZ: usize = 30;
 
 /// How true the marker's time must be.
 const WITHIN_S: f64 = 1e-3;

@@ -5,7 +5,7 @@ use serde_json::json;
 use super::client::has;
 use super::new_box::new_box;
 use super::protocol::protocol;
-use crate::camera::{CALM_RATE_HZ, PHOTOGRAPHS, Shown, TheBox};
+use crate::camera::{PHOTOGRAPHS, RATE_HZ, Shown, TheBox};
 use crate::stand::Stand;
 
 const BOX: &str = "PL-0001";
@@ -18,7 +18,7 @@ fn from_a_new_box_to_a_report() {
     // What was measured on the print of the lower target.
     page.done("/api/prints", &json!({ "pitches_mm": { "lumbar": 12.01 } }));
     let folder = new_box(&stand, &page, "ward 1", BOX);
-    let the_box = TheBox::start(&folder, Shown::Photograph(0), CALM_RATE_HZ);
+    let the_box = TheBox::start(&folder, Shown::Photograph(0), RATE_HZ);
     let it = page.wait(BOX, "the box", |it| it["doing"] == "watching");
     assert_eq!(it["hello"]["next_step"], "calibrate", "{it:#}");
     let id = it["id"].as_str().unwrap().to_owned();
