@@ -1,7 +1,8 @@
 //! Runs the core as the only program of a computer, on two emulated boards.
 //!
 //! The package `tests/bare-metal` is linked with start-up code, a configuration and one rendered
-//! frame: no operating system, no allocator. On each board it measures the frame a few times,
+//! frame: no operating system, and no allocator, without which nothing is linked that could allocate (a
+//! `no_std` library that uses `alloc` still compiles). On each board it measures the frame a few times,
 //! prints the poses and ends the emulator. The same package, run on this machine with the same
 //! limits, must print the same poses. The board also prints its poses as sealed packets, which the
 //! package opens on this machine as a host would: they must say the same.
@@ -19,7 +20,6 @@ use anyhow::{Context, Result, bail, ensure};
 use plumbline_test_support::{CONFIG_FILE, FRAMES_FILE, STANDARD, VGA};
 
 use crate::agreement::{DIFFERENCE_MAX, compare_rows};
-use crate::bare;
 use crate::command::{Task, root, target_directory};
 use crate::cross::{self, BUILT_LIBRARY, Compiler};
 use crate::generated::Part;
@@ -161,6 +161,12 @@ pub fn prepare() -> Result<()> {
     Ok(())
 }
 
+/// The target directory of all boards. Separate from the other builds, so that their choice of features does
+/// not affect it.
+fn directory() -> PathBuf {
+    target_directory().join("bare")
+}
+
 impl Board {
     /// Builds what [`Self::check`] needs, which then finds it built.
     pub fn build_ahead(&self, recordings: &Path) -> Result<()> {
@@ -203,6 +209,14 @@ impl Board {
             .args(["--print-size", "--demangle"])
             .args([&program])
             .output()?;
+        if !self.emulator.is_empty() {
+            let initialised = initialised(&symbols);
+            ensure!(
+                initialised.is_empty(),
+                "{initialised:?} would take room in a board's flash: nothing that changes may begin as \
+                 anything but zeros, an idle pipeline least of all"
+            );
+        }
         let memory = fs::read_to_string(root().join("memory.md")).context("memory.md")?;
         for name in statics(&symbols) {
             ensure!(
@@ -310,7 +324,7 @@ impl Board {
     /// Builds the program and returns its path; firmware includes the files in `stored`.
     fn build(&self, stored: &Path) -> Result<PathBuf> {
         let own = format!("CARGO_TARGET_{}", self.triple.replace('-', "_").to_uppercase());
-        let directory = bare::directory();
+        let directory = directory();
         let compiler = self.compiler()?;
         let mut cargo = compiler.cargo(Some("core"));
         cargo = match compiler {
@@ -365,6 +379,15 @@ fn first_frame(place: &Path) -> Result<Vec<u8>> {
     file.read_until(b'\n', &mut beginning)?;
     file.take(width * height).read_to_end(&mut beginning)?;
     Ok(beginning)
+}
+
+/// The names of what changes and does not begin as zeros, from the same lines.
+fn initialised(symbols: &str) -> Vec<&str> {
+    let words = symbols.lines().map(|line| line.splitn(4, ' ').skip(2));
+    let data = words.filter_map(|mut words| {
+        words.next().filter(|kind| kind.eq_ignore_ascii_case("d")).and(words.next())
+    });
+    data.collect()
 }
 
 /// The core's statics of more than [`STATIC_BYTES_MAX`], from the lines `address size kind name` of
@@ -439,6 +462,7 @@ mod tests {
                        0000000000001000 t plumbline::pose::solve\n\
                                         U memcpy\n";
         assert_eq!(statics(symbols), ["CRC32"]);
+        assert_eq!(initialised(symbols), ["plumbline::checksum::CRC32", "std::CACHE"]);
     }
 
     #[test]

@@ -16,7 +16,6 @@
 //! something that could not be installed (the message contains the remedy, or the line to run).
 
 mod agreement;
-mod bare;
 mod bare_metal;
 mod bench;
 mod beside;

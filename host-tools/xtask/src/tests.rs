@@ -20,7 +20,7 @@ use crate::cross::{Linking, Target};
 use crate::image::DebianRoot;
 use crate::python::{READERS, SPARK};
 use crate::suite::Suite;
-use crate::{agreement, bare, bare_metal, deny, dist, image, setup, toolchain};
+use crate::{agreement, bare_metal, deny, dist, image, setup, toolchain};
 
 mod ahead;
 mod endurance;
@@ -68,8 +68,8 @@ enum Part {
     Arm,
     /// The core's own tests, built for 32-bit ARM with hard float and run under QEMU.
     Armhf,
-    /// The core as firmware, on an emulated 64-bit ARM board and on one with a Cortex-M7; how
-    /// much of the stack it takes there and here, against memory.md; and linked without an allocator.
+    /// The core as firmware without an allocator, on an emulated 64-bit ARM board and on one with a
+    /// Cortex-M7; and how much of the stack it takes there and here, against memory.md.
     BareMetal,
     /// The box's image, booted under QEMU: it tracks a camera, and survives what
     /// happens to a box.
@@ -515,10 +515,8 @@ fn armhf(journal: &mut Journal) -> Result<()> {
     Ok(())
 }
 
-/// The core on computers with no other software, and as the same program on this machine; and without
-/// an allocator.
+/// The core on computers with no other software, and as the same program on this machine.
 fn bare_metal(journal: &mut Journal, document: Document) {
-    journal.check("no allocator", bare::check);
     let Some(recordings) = recordings(journal) else { return };
     for board in bare_metal::BOARDS {
         journal.check(board.name, || board.check(&recordings, document));
@@ -541,8 +539,8 @@ pub fn boot_with_camera() -> Result<Task> {
     Ok(task.env(IMAGES, &images.to_string_lossy()))
 }
 
-/// Boots the box and observes it from outside in the tests that `which` chooses: two machines at a time, since
-/// each keeps most of a processor core busy. Beside them runs what was left for that.
+/// Boots the box and observes it from outside in the tests that `which` chooses. Beside them
+/// runs what was left for that.
 fn boot(journal: &mut Journal, which: &[&str]) {
     let mut environment = vec![(SKIPS, journal.skips.clone())];
     environment.extend(journal.programs.clone().map(|programs| (PROGRAMS, programs)));

@@ -10,11 +10,11 @@ use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver};
 
 use super::{ARMHF, Part, recordings, shipped};
+use crate::bare_metal;
 use crate::command::{Job, run_beside_each_other};
 use crate::cross::{Linking, Target};
 use crate::image::{self, DebianRoot, Profile};
 use crate::tests::journal::Journal;
-use crate::{bare, bare_metal};
 
 /// What `cargo test` is told to build tests only.
 const BUILD: [&str; 2] = ["test", "--no-run"];
@@ -52,7 +52,6 @@ pub fn jobs(parts: &[Part], recordings: Receiver<PathBuf>) -> Vec<Job<'static>> 
     }
     if has(Part::BareMetal) {
         jobs.push(Box::new(move || {
-            bare::build()?;
             // Without recordings the part has failed already.
             let Ok(recordings) = recordings.recv() else { return Ok(()) };
             bare_metal::BOARDS.iter().try_for_each(|board| board.build_ahead(&recordings))
