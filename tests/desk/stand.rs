@@ -44,7 +44,7 @@ impl Stand {
     /// `None`, with the test recorded as skipped, where the box's program cannot keep pace.
     pub fn new() -> Option<Self> {
         if is_emulated() {
-            skip(Absent::Emulator, "a box in an emulator does not track 60 frames in a second");
+            skip(Absent::Emulator, "a box in an emulator does not keep its camera's pace");
             return None;
         }
         // Before anybody waits for a box.

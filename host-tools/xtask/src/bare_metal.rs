@@ -1,9 +1,9 @@
 //! Runs the core as the only program of a computer, on two emulated boards.
 //!
 //! The package `tests/bare-metal` is linked with start-up code, a configuration and one rendered
-//! frame: no operating system, and no allocator, without which nothing is linked that could allocate (a
-//! `no_std` library that uses `alloc` still compiles). On each board it measures the frame a few times,
-//! prints the poses and ends the emulator. The same package, run on this machine with the same
+//! frame: no operating system, and no allocator. (A `no_std` library that uses `alloc` compiles, but a
+//! program with it is refused where there is no allocator.) On each board it measures the frame a few
+//! times, prints the poses and ends the emulator. The same package, run on this machine with the same
 //! limits, must print the same poses. The board also prints its poses as sealed packets, which the
 //! package opens on this machine as a host would: they must say the same.
 //!
@@ -213,8 +213,8 @@ impl Board {
             let initialised = initialised(&symbols);
             ensure!(
                 initialised.is_empty(),
-                "{initialised:?} would take room in a board's flash: nothing that changes may begin as \
-                 anything but zeros, an idle pipeline least of all"
+                "{initialised:?} does not begin as zeros, and so takes as much of a board's flash as of its \
+                 memory: let it begin as zeros, as an idle pipeline does"
             );
         }
         let memory = fs::read_to_string(root().join("memory.md")).context("memory.md")?;
@@ -381,15 +381,6 @@ fn first_frame(place: &Path) -> Result<Vec<u8>> {
     Ok(beginning)
 }
 
-/// The names of what changes and does not begin as zeros, from the same lines.
-fn initialised(symbols: &str) -> Vec<&str> {
-    let words = symbols.lines().map(|line| line.splitn(4, ' ').skip(2));
-    let data = words.filter_map(|mut words| {
-        words.next().filter(|kind| kind.eq_ignore_ascii_case("d")).and(words.next())
-    });
-    data.collect()
-}
-
 /// The core's statics of more than [`STATIC_BYTES_MAX`], from the lines `address size kind name` of
 /// a program's symbol table.
 fn statics(symbols: &str) -> Vec<&str> {
@@ -401,6 +392,16 @@ fn statics(symbols: &str) -> Vec<&str> {
         (is_large && is_cores).then(|| name.rsplit("::").next().unwrap_or(name))
     });
     large.collect()
+}
+
+/// The names of what changes and does not begin as zeros, from the same lines.
+fn initialised(symbols: &str) -> Vec<&str> {
+    let data = symbols.lines().filter_map(|line| {
+        let mut words = line.splitn(4, ' ').skip(2);
+        let (kind, name) = (words.next()?, words.next()?);
+        kind.eq_ignore_ascii_case("d").then_some(name)
+    });
+    data.collect()
 }
 
 /// The output of the firmware.

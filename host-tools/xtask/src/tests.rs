@@ -202,7 +202,7 @@ impl Part {
             Self::Arm => arm(journal, arguments.all)?,
             Self::Armhf => armhf(journal)?,
             Self::BareMetal => bare_metal(journal, arguments.document()),
-            // Machines at a time: two thirds of a processor core is what each keeps busy.
+            // Three machines at a time: each keeps some two thirds of a processor core busy.
             Self::Boot => boot(journal, &["--test-threads=3", "--skip", FIRST_TRIAL]),
             Self::FirstTrial => boot(journal, &["--exact", FIRST_TRIAL]),
             Self::Cohort => named::cohort(journal),
@@ -539,8 +539,8 @@ pub fn boot_with_camera() -> Result<Task> {
     Ok(task.env(IMAGES, &images.to_string_lossy()))
 }
 
-/// Boots the box and observes it from outside in the tests that `which` chooses. Beside them
-/// runs what was left for that.
+/// Boots the box and observes it from outside in the tests that `which` chooses. Beside them runs
+/// what was left for that.
 fn boot(journal: &mut Journal, which: &[&str]) {
     let mut environment = vec![(SKIPS, journal.skips.clone())];
     environment.extend(journal.programs.clone().map(|programs| (PROGRAMS, programs)));

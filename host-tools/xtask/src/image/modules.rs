@@ -1,8 +1,9 @@
 //! Which kernel modules go into the initramfs, and the order in which they are loaded.
 //!
-//! They go there without the signatures that Debian has appended to them. The kernel asks for none
-//! (the box's own module has none), yet checks each that it finds, which takes longer than all else
-//! between power and tracking. What comes over a link is signed as a whole: package `plumbline-update`.
+//! They go there without the signatures that Debian has appended to them. Debian's kernel loads unsigned
+//! modules too (the box's own is one), yet verifies each signature that it finds: in the emulator that
+//! took more than half of the time between power and the last module. What comes over a link is signed
+//! as a whole: package `plumbline-update`.
 
 use std::fs;
 use std::path::Path;
@@ -48,12 +49,14 @@ pub fn add(
     Ok(list)
 }
 
-/// The module's file up to the signature that may end it. Linux, `include/linux/module_signature.h`: behind
-/// the signature come twelve bytes, the last four of which are its length, and these words.
+/// The last words of a signed module. Linux, `include/linux/module_signature.h`: before them come twelve
+/// bytes, the last four of which are the length of the signature before those.
+const SIGNED: &[u8] = b"~Module signature appended~\n";
+
+/// The module's file up to the signature, if there is one.
 fn without_signature(mut module: Vec<u8>) -> Vec<u8> {
-    const END: &[u8] = b"~Module signature appended~\n";
     let unsigned = || {
-        let (before, length) = module.strip_suffix(END)?.split_last_chunk()?;
+        let (before, length) = module.strip_suffix(SIGNED)?.split_last_chunk()?;
         before.len().checked_sub(8 + u32::from_be_bytes(*length) as usize)
     };
     module.truncate(unsigned().unwrap_or(module.len()));
@@ -130,9 +133,7 @@ kernel/usb/serial.ko: kernel/usb/core.ko kernel/usb/common.ko
     #[test]
     fn a_signature_is_taken_away_and_nothing_else() {
         let signed = |length: u32| {
-            let end =
-                [&[0; 8][..], &length.to_be_bytes(), b"~Module signature appended~\n"].concat();
-            [b"module, signature", &end[..]].concat()
+            [b"module, signature", &[0; 8][..], &length.to_be_bytes(), SIGNED].concat()
         };
         assert_eq!(without_signature(signed(11)), b"module");
         // A length that is longer than the file is none.
