@@ -224,7 +224,7 @@ impl Case {
         let mut picture = Picture::uniform(width, height, 110.0);
         let light_slope = random.random_range(-LIGHT_SLOPE_MAX..LIGHT_SLOPE_MAX);
         let gain = |x: f64, _: f64| light(light_slope, x);
-        render_targets(&LENS, random.random_range(0.5..1.2), &placed, gain, &mut picture);
+        render_targets(&LENS, random.random_range(0.5..1.2), &placed, &gain, &mut picture);
         let share = random.random_range(0.15..0.4);
         // The target's squares, evenly.
         let points_px: Vec<_> = even_points(&boards[covered])

@@ -57,7 +57,7 @@ impl Held {
         let placed = PlacedBoard { board: &print, cam_from_target };
         // Half as light on one side of the frame as on the other.
         let light = |x: f64, _: f64| 0.6 + 0.5 * x / f64::from(SIZE[0]);
-        render_targets(&lens(), self.blur_px, &[placed], light, &mut picture);
+        render_targets(&lens(), self.blur_px, &[placed], &light, &mut picture);
         let mut samples = vec![0_u8; width * height];
         Sensor { noise_levels: 3.0, bits: 8 }.expose(&picture, 1, 0, &mut samples);
         let corners_px = (0..geometry.corner_count())

@@ -152,7 +152,7 @@ impl Booth {
             pose.translation_mm += shot.motion_mm * part;
             let mut picture = Picture::uniform(width, height, BACKGROUND);
             let placed = PlacedBoard { board: &self.board, cam_from_target: pose };
-            render_targets(&self.lens, shot.psf_sigma_px, &[placed], gain, &mut picture);
+            render_targets(&self.lens, shot.psf_sigma_px, &[placed], &gain, &mut picture);
             for (sum, grey) in sum.grey.iter_mut().zip(&picture.grey) {
                 *sum += grey / instants as f32;
             }
@@ -175,7 +175,7 @@ impl Booth {
             .collect();
         let mut picture = Picture::uniform(usize::from(WIDTH), usize::from(HEIGHT), BACKGROUND);
         let boards_of_row = |y: usize| &rows[y][..];
-        render_targets_by_row(&self.lens, psf_sigma_px, boards_of_row, |_, _| 1.0, &mut picture);
+        render_targets_by_row(&self.lens, psf_sigma_px, &boards_of_row, &|_, _| 1.0, &mut picture);
         picture
     }
 

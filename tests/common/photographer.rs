@@ -79,7 +79,7 @@ pub fn posed(
     let photograph = |(index, &cam_from_target): (usize, &Pose<Cam, Target>)| {
         let mut picture = Rendered::uniform(width, height, 110.0);
         let placed = PlacedBoard { board: &print, cam_from_target };
-        render_targets(lens, 0.6, &[placed], |_, _| 1.0, &mut picture);
+        render_targets(lens, 0.6, &[placed], &|_, _| 1.0, &mut picture);
         let mut samples = vec![0_u8; width * height];
         Sensor { noise_levels: 2.0, bits: 8 }.expose(&picture, seed, index as u64, &mut samples);
         Picture { place: format!("{index}.png"), samples, width, height }
@@ -113,7 +113,7 @@ impl Video<'_> {
         };
         let rows: Vec<_> = (0..height).map(placed).collect();
         let mut picture = Rendered::uniform(width, height, 110.0);
-        render_targets_by_row(self.lens, 0.6, |y| &rows[y], |_, _| 1.0, &mut picture);
+        render_targets_by_row(self.lens, 0.6, &|y| &rows[y], &|_, _| 1.0, &mut picture);
         let mut samples = vec![0_u8; width * height];
         Sensor { noise_levels: 2.0, bits: 8 }.expose(&picture, 1, index as u64, &mut samples);
         samples

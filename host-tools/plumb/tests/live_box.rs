@@ -123,7 +123,7 @@ fn recording_of(places: [Place; 3], turned_deg: f64) -> Vec<u8> {
         })
         .collect();
     let mut picture = wall(800.0 * turned_deg.to_radians().tan());
-    render_targets(&lens, 0.6, &placed, |_, _| 1.0, &mut picture);
+    render_targets(&lens, 0.6, &placed, &|_, _| 1.0, &mut picture);
     // The same few over and over: what differs is the noise.
     let frames: Vec<Vec<u8>> = (0..5)
         .map(|frame| {

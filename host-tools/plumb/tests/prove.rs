@@ -83,7 +83,7 @@ impl Plate {
             })
             .collect();
         let mut picture = Picture::uniform(SIZE[0], SIZE[1], 110.0);
-        render_targets(&lens(), 0.6, &placed, |_, _| 1.0, &mut picture);
+        render_targets(&lens(), 0.6, &placed, &|_, _| 1.0, &mut picture);
         picture
     }
 }

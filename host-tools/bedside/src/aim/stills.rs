@@ -304,7 +304,7 @@ mod tests {
         let cam_from_target = Pose::from_theta([0.0, 0.0, 0.0, x_mm, y_mm, 640.0]);
         let placed = [PlacedBoard { board: &print, cam_from_target }];
         let mut picture = Picture::uniform(width as usize, height as usize, 110.0);
-        render::render_targets(&lens, 0.6, &placed, |_, _| 1.0, &mut picture);
+        render::render_targets(&lens, 0.6, &placed, &|_, _| 1.0, &mut picture);
         let mut samples = vec![0; (width * height) as usize];
         Sensor { noise_levels: 0.0, bits: 8 }.expose(&picture, 1, 0, &mut samples);
         image::GrayImage::from_raw(width, height, samples).unwrap()

@@ -362,13 +362,13 @@ impl Simulation {
         self.background.draw(|y| moment_of_row(y).trunk_shift_px, gain, picture);
         match &moments[..] {
             [moment] => {
-                render::render_targets(&self.camera, psf_sigma_px, &moment.boards, gain, picture);
+                render::render_targets(&self.camera, psf_sigma_px, &moment.boards, &gain, picture);
             }
             _ => render::render_targets_by_row(
                 &self.camera,
                 psf_sigma_px,
-                |y| &moment_of_row(y).boards,
-                gain,
+                &|y| &moment_of_row(y).boards,
+                &gain,
                 picture,
             ),
         }

@@ -157,7 +157,7 @@ impl BoardPhotographs {
             }
         }
         let placed = PlacedBoard { board: &self.board, cam_from_target };
-        render_targets(&self.camera, self.settings.psf_sigma_px, &[placed], gain, &mut picture);
+        render_targets(&self.camera, self.settings.psf_sigma_px, &[placed], &gain, &mut picture);
         picture
     }
 

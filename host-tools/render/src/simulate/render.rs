@@ -186,11 +186,15 @@ impl PlaneMap {
     }
 }
 
+/// The factor of the print's grey at a raw pixel's column and row: uneven light. Functions take it by
+/// reference, not as a generic argument: drawing is compiled with this crate, and not with each that
+/// calls it, less optimised.
+pub type Gain<'a> = dyn Fn(f64, f64) -> f64 + Sync + 'a;
+
 /// Draws boards over `picture`, which holds the background, in the given order.
 ///
-/// `gain` multiplies the print's grey at a raw pixel (uneven light); it must be smooth over a few
-/// pixels. The parts of a board outside the frame, or outside the lens's monotonic range, are not
-/// drawn; nor is a board that faces away or reaches behind the camera.
+/// `gain` must be smooth over a few pixels. The parts of a board outside the frame, or outside the
+/// lens's monotonic range, are not drawn; nor is a board that faces away or reaches behind the camera.
 ///
 /// # Panics
 /// When the picture's size is not that of the lens, or the blur is not within
@@ -199,14 +203,14 @@ pub fn render_targets(
     lens: &Lens,
     psf_sigma_px: f64,
     boards: &[PlacedBoard<'_>],
-    gain: impl Fn(f64, f64) -> f64 + Sync,
+    gain: &Gain<'_>,
     picture: &mut Picture,
 ) {
     let optics = Optics::new(lens, psf_sigma_px);
     let painters: Vec<_> = optics.painters(boards).collect();
     optics.for_each_row(picture, |y, pixels, scratch| {
         for painter in &painters {
-            painter.row(y, pixels, &gain, scratch);
+            painter.row(y, pixels, gain, scratch);
         }
     });
 }
@@ -218,14 +222,14 @@ pub fn render_targets(
 pub fn render_targets_by_row<'a>(
     lens: &Lens,
     psf_sigma_px: f64,
-    boards_of_row: impl Fn(usize) -> &'a [PlacedBoard<'a>] + Sync,
-    gain: impl Fn(f64, f64) -> f64 + Sync,
+    boards_of_row: &(dyn Fn(usize) -> &'a [PlacedBoard<'a>] + Sync),
+    gain: &Gain<'_>,
     picture: &mut Picture,
 ) {
     let optics = Optics::new(lens, psf_sigma_px);
     optics.for_each_row(picture, |y, pixels, scratch| {
         for painter in optics.painters(boards_of_row(y)) {
-            painter.row(y, pixels, &gain, scratch);
+            painter.row(y, pixels, gain, scratch);
         }
     });
 }
@@ -430,13 +434,7 @@ struct Painter<'a> {
 
 impl Painter<'_> {
     /// Draws over the pixels of row `y`, which the board may not reach.
-    fn row(
-        &self,
-        y: usize,
-        pixels: &mut [f32],
-        gain: &impl Fn(f64, f64) -> f64,
-        scratch: &mut Scratch,
-    ) {
+    fn row(&self, y: usize, pixels: &mut [f32], gain: &Gain<'_>, scratch: &mut Scratch) {
         let [left, top, right, bottom] = self.bounds_px;
         if !(top..bottom).contains(&y) {
             return;

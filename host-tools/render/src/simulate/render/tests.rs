@@ -132,7 +132,7 @@ fn compare(
     let board = board();
     let mut picture = Picture::uniform(1456, 1088, BACKGROUND as f32);
     let placed = PlacedBoard { board: &board, cam_from_target };
-    render_targets(lens, sigma_px, &[placed], |_, _| 1.0, &mut picture);
+    render_targets(lens, sigma_px, &[placed], &|_, _| 1.0, &mut picture);
     let corner = centre.map(|value| value - SIDE / 2);
     let brute = brute_force(lens, sigma_px, &board, &cam_from_target, corner, SIDE);
     let drawn =
@@ -243,7 +243,7 @@ fn the_comparison_sees_a_shift_of_a_few_thousandths() {
     let board = board();
     let mut picture = Picture::uniform(1456, 1088, BACKGROUND as f32);
     let placed = PlacedBoard { board: &board, cam_from_target: pose };
-    render_targets(&moved, 0.6, &[placed], |_, _| 1.0, &mut picture);
+    render_targets(&moved, 0.6, &[placed], &|_, _| 1.0, &mut picture);
     let brute = brute_force(&lens, 0.6, &board, &pose, centre.map(|value| value - 7), 14);
     let worst = (0..14 * 14)
         .map(|index| {
@@ -266,7 +266,7 @@ fn boards_that_cannot_be_seen_draw_nothing() {
     for cam_from_target in [behind, back, edge_on, aside] {
         let mut picture = blank.clone();
         let placed = PlacedBoard { board: &board, cam_from_target };
-        render_targets(&lens, 0.6, &[placed], |_, _| 1.0, &mut picture);
+        render_targets(&lens, 0.6, &[placed], &|_, _| 1.0, &mut picture);
         assert!(picture == blank);
     }
 }
