@@ -1,6 +1,7 @@
 //! The real program, its inputs, a host that listens to it, and bounded waits.
 
 mod host;
+pub mod pictures;
 
 use std::collections::BTreeSet;
 use std::io::{Read, Write};

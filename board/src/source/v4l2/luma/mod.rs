@@ -294,8 +294,8 @@ mod tests {
 
         let mut luma = Luma::new(b"MJPG", (64, 64), 0).unwrap();
         let mut file = Vec::new();
-        image::codecs::jpeg::JpegEncoder::new(&mut file)
-            .encode(&[128; 64 * 64], 64, 64, image::ExtendedColorType::L8)
+        jpeg_encoder::Encoder::new(&mut file, 75)
+            .encode(&[128; 64 * 64], 64, 64, jpeg_encoder::ColorType::Luma)
             .unwrap();
         luma.load(&file).unwrap();
         let Some(Pixels::Grey8(image)) = luma.view(&[], &[]) else { panic!("8 bits") };
