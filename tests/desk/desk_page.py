@@ -97,7 +97,7 @@ def browser(url, is_strict=True, more=()):
                 watched.check()
         except BaseException:
             for number, page in enumerate(it for context in chromium.contexts for it in context.pages):
-                shot(page, f"failed-{Path(sys.argv[0]).stem}-{number}")
+                keep_picture(page, f"failed-{Path(sys.argv[0]).stem}-{number}")
                 tell(f"the page says:\n{page.locator('body').inner_text()}")
             raise
         finally:
@@ -110,8 +110,13 @@ def chromium_path():
 
 
 def shot(page, name):
-    """Keeps a picture of the whole page, to be looked at."""
-    folder = Path(os.environ["PLUMBLINE_SHOTS"])
+    """Keeps a picture of the whole page where somebody wants to look at it: it takes longer than what is tested."""
+    if "PLUMBLINE_SHOTS" in os.environ:
+        keep_picture(page, name)
+
+
+def keep_picture(page, name):
+    folder = Path(os.environ["PLUMBLINE_PICTURES"])
     folder.mkdir(parents=True, exist_ok=True)
     page.screenshot(path=folder / f"{name}.png", full_page=True)
 

@@ -94,7 +94,7 @@ impl Stage {
     ) -> String {
         let mut command = Command::new(&self.python);
         command.arg(root().join("tests/desk").join(script)).args(arguments);
-        command.env("PYTHONDONTWRITEBYTECODE", "1").env("PLUMBLINE_SHOTS", shots());
+        command.env("PYTHONDONTWRITEBYTECODE", "1").env("PLUMBLINE_PICTURES", pictures());
         command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.spawn().unwrap();
         let mut answers = child.stdin.take().unwrap();
@@ -121,8 +121,9 @@ impl Drop for Stage {
     }
 }
 
-/// Where pictures of the page are kept, to be looked at.
-fn shots() -> impl AsRef<OsStr> {
+/// Where pictures of the page are kept: of each step where `PLUMBLINE_SHOTS` is set to anything, and
+/// always of a page on which a test has failed.
+fn pictures() -> impl AsRef<OsStr> {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR"));
     target.join("desk")
 }

@@ -15,6 +15,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
+use clap::ValueEnum;
 
 /// The user's input cannot be used; the text says what is wrong, why, and what to do. Exit code 2.
 #[derive(Debug)]
@@ -323,6 +324,11 @@ pub fn give_way() {
     let Ok(place) = std::fs::read_link("/proc/thread-self") else { return };
     let Some(thread) = place.file_name() else { return };
     let _ = Task::new("renice").args(["-n", "19", "-p"]).args([thread]).output();
+}
+
+/// The word that stands for a value on the command line.
+pub fn word(value: &impl ValueEnum) -> String {
+    value.to_possible_value().expect("none is hidden").get_name().to_owned()
 }
 
 /// A word as one would type it in a shell.

@@ -17,11 +17,11 @@ use std::{env, fs};
 
 use anyhow::{Context, Result, bail, ensure};
 
-use crate::command::Task;
+use crate::command::{Task, word};
 use crate::commit::Commit;
-use crate::fuzz;
 use crate::generated::Part;
 use crate::tests::Ordeal;
+use crate::{fuzz, mutants};
 
 /// The page.
 const PAGE: &str = "tests/evidence.md";
@@ -40,7 +40,8 @@ Examples:
   cargo xtask evidence                                  # everything; a night
   cargo xtask evidence fuzz packets link --minutes 60   # these targets; other rows stay as they are
   cargo xtask evidence endurance
-  cargo xtask evidence endurance storing unplugged      # these things of it, in an hour and a quarter")]
+  cargo xtask evidence endurance storing unplugged      # these things of it, in an hour and a quarter
+  cargo xtask evidence mutants update --jobs 2          # those of the update")]
 pub struct Arguments {
     /// What to try; everything when left out.
     #[command(subcommand)]
@@ -56,7 +57,7 @@ enum What {
     /// test endurance`.
     Endurance(Endurance),
     /// The sources, changed a little in thousands of ways, against the tests: `cargo xtask mutants`.
-    Mutants,
+    Mutants(Mutants),
 }
 
 /// Which targets are tried, and for how long.
@@ -81,13 +82,26 @@ struct Endurance {
     ordeals: Vec<Ordeal>,
 }
 
+/// Whose mutants are tried.
+#[derive(Debug, Clone, clap::Args)]
+struct Mutants {
+    /// These areas; all when left out.
+    #[arg(value_enum)]
+    areas: Vec<mutants::Word>,
+    /// How many are tried at a time; each keeps a processor core busy.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
+    jobs: u32,
+}
+
 /// For each target, where nothing else is said.
 const MINUTES: u32 = 60;
 
 impl What {
     fn everything() -> [Self; 3] {
         let fuzz = Fuzz { targets: Vec::new(), minutes: MINUTES, jobs: 1 };
-        [Self::Fuzz(fuzz), Self::Endurance(Endurance { ordeals: Vec::new() }), Self::Mutants]
+        let endurance = Endurance { ordeals: Vec::new() };
+        let mutants = Mutants { areas: Vec::new(), jobs: 1 };
+        [Self::Fuzz(fuzz), Self::Endurance(endurance), Self::Mutants(mutants)]
     }
 
     /// The name of its part of the page.
@@ -95,25 +109,28 @@ impl What {
         match self {
             Self::Fuzz(_) => "fuzz",
             Self::Endurance(_) => "endurance",
-            Self::Mutants => "mutants",
+            Self::Mutants(_) => "mutants",
         }
     }
 
     /// The words of `cargo xtask` that try it.
     fn words(&self) -> Vec<String> {
-        let word = str::to_owned;
         match self {
             Self::Fuzz(Fuzz { targets, minutes, jobs }) => {
                 let bounds = ["--minutes".to_owned(), minutes.to_string()];
                 let jobs = ["--jobs".to_owned(), jobs.to_string()];
-                [&[word("fuzz")], &targets[..], &bounds, &jobs].concat()
+                [&["fuzz".to_owned()], &targets[..], &bounds, &jobs].concat()
             }
             Self::Endurance(Endurance { ordeals }) => {
-                let names: Vec<&str> = ordeals.iter().map(|it| it.name()).collect();
+                let names: Vec<String> = ordeals.iter().map(word).collect();
                 let only = (!names.is_empty()).then(|| format!("--only={}", names.join(",")));
-                [word("test"), word("endurance")].into_iter().chain(only).collect()
+                ["test".to_owned(), "endurance".to_owned()].into_iter().chain(only).collect()
             }
-            Self::Mutants => vec![word("mutants")],
+            Self::Mutants(Mutants { areas, jobs }) => {
+                let areas: Vec<String> = areas.iter().map(word).collect();
+                let jobs = ["--jobs".to_owned(), jobs.to_string()];
+                [&["mutants".to_owned()], &areas[..], &jobs].concat()
+            }
         }
     }
 
@@ -122,7 +139,7 @@ impl What {
         match self {
             Self::Fuzz(fuzz) => fuzz.targets.is_empty(),
             Self::Endurance(Endurance { ordeals }) => ordeals.is_empty(),
-            Self::Mutants => true,
+            Self::Mutants(mutants) => mutants.areas.is_empty(),
         }
     }
 
@@ -131,7 +148,7 @@ impl What {
         match self {
             // Its rows say how many failures were found; without one nothing was tried.
             Self::Fuzz(_) => None,
-            Self::Endurance(_) | Self::Mutants => Some(Row::new(
+            Self::Endurance(_) | Self::Mutants(_) => Some(Row::new(
                 &format!("cargo xtask {}", self.words().join(" ")),
                 "",
                 &format!("**failed**: {error}"),
@@ -311,7 +328,10 @@ mod tests {
             let what = line.arguments.what.map_or(What::everything().to_vec(), |it| vec![it]);
             what.iter().map(|what| what.words().join(" ")).collect()
         };
-        assert_eq!(words("evidence"), ["fuzz --minutes 60 --jobs 1", "test endurance", "mutants"]);
+        assert_eq!(
+            words("evidence"),
+            ["fuzz --minutes 60 --jobs 1", "test endurance", "mutants --jobs 1"]
+        );
         assert_eq!(
             words("evidence fuzz packets link --minutes 5 --jobs 2"),
             ["fuzz packets link --minutes 5 --jobs 2"]
@@ -320,18 +340,23 @@ mod tests {
             words("evidence endurance storing unplugged"),
             ["test endurance --only=storing,unplugged"]
         );
-        for wrong in [["fuzz", "nothing"], ["endurance", "nothing"]] {
+        assert_eq!(
+            words("evidence mutants update packets --jobs 2"),
+            ["mutants update packets --jobs 2"]
+        );
+        for wrong in ["fuzz", "endurance", "mutants"].map(|what| [what, "nothing"]) {
             assert!(Line::try_parse_from([&["evidence"], &wrong[..]].concat()).is_err());
         }
     }
 
     #[test]
     fn only_what_tries_everything_again_removes_rows_of_other_things() {
-        let [all, endurance, mutants] = What::everything();
-        assert!(all.is_whole() && endurance.is_whole() && mutants.is_whole());
+        assert!(What::everything().iter().all(What::is_whole));
         let some = Fuzz { targets: vec!["link".to_owned()], minutes: 1, jobs: 1 };
         assert!(!What::Fuzz(some).is_whole());
         assert!(!What::Endurance(Endurance { ordeals: vec![Ordeal::Card] }).is_whole());
+        let some = Mutants { areas: vec![mutants::Word::Update], jobs: 1 };
+        assert!(!What::Mutants(some).is_whole());
     }
 
     #[test]

@@ -15,7 +15,7 @@ use plumbline_test_support::{
 };
 
 use crate::bare_metal::Document;
-use crate::command::{BadInput, LOCKED, Task, run_beside_each_other, target_directory};
+use crate::command::{BadInput, LOCKED, Task, run_beside_each_other, target_directory, word};
 use crate::cross::{Linking, Target};
 use crate::image::DebianRoot;
 use crate::python::{READERS, SPARK};
@@ -117,11 +117,6 @@ impl Part {
 
     /// Those that compile for other processors.
     const FOR_OTHERS: [Self; 4] = [Self::Arm, Self::Armhf, Self::BareMetal, Self::Boot];
-
-    /// Its name on the command line.
-    fn word(self) -> String {
-        self.to_possible_value().expect("no part is hidden").get_name().to_owned()
-    }
 
     /// Installs what the part needs; of [`Native`](Self::Native), what it is compiled with, and the rest
     /// meanwhile: see [`Installing`].
@@ -234,7 +229,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         (!arguments.only.is_empty(), "--only", Part::Endurance, "consists of such things"),
     ] {
         if is_given && !parts.contains(&part) {
-            let part = part.word();
+            let part = word(&part);
             bail!(BadInput(format!("{option}: only the part `{part}` {why}")));
         }
     }
@@ -257,7 +252,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         is_ahead |= is_due && (*part == Part::Native || Part::FOR_OTHERS.contains(part));
         let beside = if is_due { left } else { &[] };
-        journal.part = part.word();
+        journal.part = word(part);
         part.run(&mut journal, arguments, later, beside)?;
     }
     journal.notices.extend(toolchain::notice());

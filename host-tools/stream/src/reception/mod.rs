@@ -118,9 +118,16 @@ pub fn turn<W: std::io::Write>(
     is_full: &dyn Fn(&Receiver<W>) -> bool,
 ) -> Result<(), BadInput> {
     let mut handled = Ok(());
+    let mut came = None;
     let polled = transport.poll(&mut |event| {
         if handled.is_ok() && !is_full(receiver) {
-            let now = Instant::now();
+            // A packet has come with its bytes, which are handed over first, and not when they have
+            // been written down.
+            let now = match &event {
+                Event::Raw(_) => *came.insert(Instant::now()),
+                Event::Packet(_) => came.take().unwrap_or_else(Instant::now),
+                _ => Instant::now(),
+            };
             handled = tap.event(&event, now).and_then(|()| receiver.handle(event, now));
         }
     });

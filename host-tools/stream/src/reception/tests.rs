@@ -17,7 +17,7 @@ use plumbline::target::Role;
 use super::*;
 use crate::fixture::{START, SealedBox, event, known_box, packet, take};
 use crate::recorder::Recorder;
-use crate::transport::{Link, Serial, Udp};
+use crate::transport::{Link, Raw, Serial, Udp};
 use plumbline_files::poses;
 
 const HEADER: &str = "frame,time_s,target,state,theta1_rad,theta2_rad,theta3_rad,x_mm,y_mm,z_mm,\
@@ -196,6 +196,48 @@ fn datagrams_become_rows_and_every_fault_is_counted() {
     assert_eq!((rows[0].frame, rows[13].frame, rows[0].z_mm), (0, 8, Some(1000.06)));
     assert_eq!(receiver.shares()["shoulder"].poses, 7);
     assert_eq!(receiver.shares()["lumbar"].poses, 0);
+}
+
+/// Packets that come at once, each after its bytes.
+struct Played(Vec<Packet>);
+
+impl Transport for Played {
+    fn poll(&mut self, take: &mut dyn FnMut(Event)) -> Result<(), BadInput> {
+        for packet in self.0.drain(..) {
+            take(Event::Raw(Raw::Datagram(datagram_of(&packet))));
+            take(Event::Packet(packet));
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, _: &Message) {}
+}
+
+/// Takes this long to write bytes down, and notes when each event came.
+struct SlowDisk(Duration, Vec<Instant>);
+
+impl Tap for SlowDisk {
+    fn event(&mut self, event: &Event, now: Instant) -> Result<(), BadInput> {
+        self.1.push(now);
+        if matches!(event, Event::Raw(_)) {
+            thread::sleep(self.0);
+        }
+        Ok(())
+    }
+
+    fn turn(&mut self, _: Instant) -> Result<Option<Message>, BadInput> {
+        Ok(None)
+    }
+}
+
+#[test]
+fn a_packet_has_come_with_its_bytes_however_long_they_take_to_be_written_down() {
+    let mut tap = SlowDisk(Duration::from_millis(20), Vec::new());
+    let mut packets = Played([1, 2].map(|number| sent(&pose(number))).to_vec());
+    turn(&mut packets, &mut receiver().0, &mut tap, &|_| false).unwrap();
+    let [first_bytes, first, second_bytes, second] = tap.1[..] else { panic!("{:?}", tap.1) };
+    assert_eq!((first, second), (first_bytes, second_bytes));
+    assert!(second_bytes - first >= tap.0);
 }
 
 #[test]

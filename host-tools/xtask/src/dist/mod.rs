@@ -31,7 +31,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 
-use crate::command::{BadInput, Task, root, target_directory};
+use crate::command::{BadInput, Task, root, target_directory, word};
 use crate::commit::Commit;
 use crate::cross::{self, Target};
 use crate::{debian, image, setup, sums, toolchain};
@@ -130,11 +130,6 @@ impl What {
         Self::MacosX86_64,
     ];
 
-    /// The name on the command line.
-    fn word(self) -> String {
-        self.to_possible_value().expect("nothing is hidden").get_name().to_owned()
-    }
-
     /// What a name for several stands for.
     const fn parts(&self) -> &[Self] {
         match self {
@@ -231,7 +226,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let programs = if arguments.tried { Profile::Dev } else { Profile::Release };
     make_from(&commit, &wanted, &out, programs)?;
     if arguments.check {
-        let words: Vec<String> = wanted.iter().map(|it| it.word()).collect();
+        let words: Vec<String> = wanted.iter().map(word).collect();
         check::again(&words, &out, &commit)?;
     }
     Ok(())
@@ -248,11 +243,11 @@ fn make_from(commit: &Commit, wanted: &[What], out: &Path, profile: Profile) -> 
     let mut failures = Vec::new();
     for &what in wanted {
         let begun = Instant::now();
-        println!("\n== {}", what.word());
+        println!("\n== {}", word(&what));
         match making.make(what) {
             Ok(file) => println!("{file}: made in {} s", begun.elapsed().as_secs()),
             Err(error) => {
-                println!("{}: {error:#}", what.word());
+                println!("{}: {error:#}", word(&what));
                 failures.push((what, error));
             }
         }
@@ -262,12 +257,12 @@ fn make_from(commit: &Commit, wanted: &[What], out: &Path, profile: Profile) -> 
     print!("{}", fs::read_to_string(out.join(sums::NAME))?);
     let Some((first, error)) = failures.into_iter().next() else { return Ok(()) };
     // The kind of the error decides the exit code.
-    let word = first.word();
+    let word = word(&first);
     Err(error.context(format!("{word} cannot be made here; --leave-out {word} does without")))
 }
 
 fn say_beforehand(wanted: &[What], left_out: &[What], twice: bool) -> Result<()> {
-    let words = |list: &[What]| list.iter().map(|it| it.word()).collect::<Vec<_>>().join(", ");
+    let words = |list: &[What]| list.iter().map(word).collect::<Vec<_>>().join(", ");
     println!("To be made: {}", words(wanted));
     if !left_out.is_empty() {
         println!("Left out: {}", words(left_out));

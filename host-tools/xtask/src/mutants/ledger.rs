@@ -1,5 +1,6 @@
 //! What has been tried: a file to which each outcome is appended as it is known, so that nothing is lost
-//! when a run is ended.
+//! when a run is ended. It is kept with the sources, beside the list that is made of it: hours of trying
+//! count on every computer.
 //!
 //! An outcome counts as long as the mutant's file is the same, tests beside the code included. A survivor
 //! does not count: it is tried again in each run, since a test elsewhere may have come that tells.
@@ -13,7 +14,7 @@ use anyhow::{Context, Result};
 use clap::ValueEnum;
 
 use super::list::Mutant;
-use crate::command::root;
+use crate::command::{root, word};
 use crate::sums;
 
 /// What became of a mutant.
@@ -27,13 +28,6 @@ pub enum Outcome {
     TimedOut,
     /// All tests passed.
     Survived,
-}
-
-impl Outcome {
-    /// Its name in the file.
-    fn word(self) -> String {
-        self.to_possible_value().expect("none is hidden").get_name().to_owned()
-    }
 }
 
 /// What has been tried.
@@ -73,9 +67,26 @@ impl Ledger {
         let said = || self.path.display().to_string();
         let file = OpenOptions::new().create(true).append(true).open(&self.path);
         let mut file = file.with_context(said)?;
-        writeln!(file, "{sum} {} {}", outcome.word(), mutant.name).with_context(said)?;
+        writeln!(file, "{sum} {} {}", word(&outcome), mutant.name).with_context(said)?;
         self.outcomes.insert((sum, mutant.name.clone()), outcome);
         Ok(())
+    }
+
+    /// Leaves out what no longer counts, since its file is another one, and puts the rest in order.
+    pub fn settle(&mut self) -> Result<()> {
+        let mut text = String::new();
+        for ((sum, name), outcome) in self.outcomes.clone() {
+            let file = name.split(':').next().unwrap_or_default();
+            if root().join(file).is_file() && self.sum(file)? == sum {
+                text += &format!("{sum} {} {name}\n", word(&outcome));
+            } else {
+                self.outcomes.remove(&(sum, name));
+            }
+        }
+        let said = || self.path.display().to_string();
+        let unfinished = self.path.with_extension("new");
+        fs::write(&unfinished, text).with_context(said)?;
+        fs::rename(&unfinished, &self.path).with_context(said)
     }
 
     fn sum(&mut self, file: &str) -> Result<String> {
@@ -93,6 +104,23 @@ impl Ledger {
 mod tests {
     use super::super::list::{Place, Span};
     use super::*;
+
+    #[test]
+    fn what_no_longer_counts_is_left_out_and_the_rest_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("outcomes");
+        let sum = &sums::sha256(&fs::read(root().join("Cargo.toml")).unwrap())[..16];
+        let as_it_is =
+            format!("{sum} caught Cargo.toml:2:1: b\n{sum} survived Cargo.toml:1:1: a\n");
+        let gone =
+            "0123456789abcdef caught Cargo.toml:1:1: a\n0123456789abcdef caught gone.rs:1:1: a\n";
+        fs::write(&path, format!("{gone}{as_it_is}{sum} cau")).unwrap();
+        Ledger::at(path.clone()).unwrap().settle().unwrap();
+        let text = fs::read_to_string(&path).unwrap();
+        let [caught, survived] = [0, 1].map(|at| as_it_is.lines().nth(at).unwrap());
+        assert_eq!(text, format!("{survived}\n{caught}\n"));
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
 
     #[test]
     fn what_was_written_down_is_known_to_the_next_run_and_a_cut_line_is_not() {

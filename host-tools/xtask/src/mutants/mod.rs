@@ -13,8 +13,8 @@
 //!
 //! ```text
 //! target/mutants/tree         a copy of the sources, with mutants
-//! target/mutants/outcomes     what has been tried: see [`ledger`]
-//! tests/mutants.md            the list: what was tried of each file, and what survived
+//! tests/mutants.outcomes      what has been tried: see [`ledger`]
+//! tests/mutants.md            the list that is made of it: what was tried of each file, and what survived
 //! ```
 
 use std::path::PathBuf;
@@ -24,7 +24,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::{Result, bail};
 use clap::ValueEnum;
 
-use crate::command::target_directory;
+use crate::command::{root, target_directory};
 use crate::setup::{self, CargoTool};
 use crate::sums;
 
@@ -49,6 +49,9 @@ const CARGO_MUTANTS: CargoTool = CargoTool {
     version: "27.1.0",
     why: "finds what can be changed in a source file",
 };
+
+/// What has been tried.
+const OUTCOMES: &str = "tests/mutants.outcomes";
 
 /// What the copy and what is compiled of it may take: an estimate.
 const DISK_MB: u64 = 4000;
@@ -85,7 +88,7 @@ pub struct Arguments {
 
 /// An area's name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Word {
+pub enum Word {
     /// An update: its file and signature, the slots of the card, and how the box writes, tries and commits
     /// one.
     Update,
@@ -175,7 +178,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&is_over))?;
     }
-    let mut ledger = Ledger::at(home().join("outcomes"))?;
+    let mut ledger = Ledger::at(root().join(OUTCOMES))?;
     let mut survivors = 0;
     let is_wanted =
         |area: &&Area| arguments.areas.is_empty() || arguments.areas.contains(&area.word);
@@ -189,6 +192,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             workshop.try_all(area, &chosen, &mut progress)?;
         }
         let done = progress.done();
+        ledger.settle()?;
         let tally = Tally::of(&list, &mut ledger)?;
         tally.report(area, done, arguments.sample.map(|_| arguments.seed))?;
         survivors += tally.survivors().count();

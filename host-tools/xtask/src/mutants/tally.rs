@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use anyhow::Result;
-use clap::ValueEnum as _;
 
 use super::Area;
 use super::ledger::{Ledger, Outcome};
 use super::list::List;
+use crate::command::word;
 use crate::generated::Part;
 
 /// The list.
@@ -74,8 +74,7 @@ impl Tally {
 
     /// Prints it, and writes the list. `done` were tried in this run; `seed` is that of a sample.
     pub fn report(&self, area: &Area, done: usize, seed: Option<u64>) -> Result<()> {
-        let word = area.word.to_possible_value().expect("none is hidden");
-        Part { document: PAGE, name: word.get_name() }.write(&self.page())?;
+        Part { document: PAGE, name: &word(&area.word) }.write(&self.page())?;
         println!("\n{}\n", self.page());
         println!("{}", self.evidence(area.what, done, seed));
         Ok(())
@@ -143,6 +142,8 @@ impl Tally {
 
 #[cfg(test)]
 mod tests {
+    use clap::ValueEnum as _;
+
     use super::*;
 
     fn tally() -> Tally {
@@ -174,9 +175,8 @@ mod tests {
 
     #[test]
     fn the_list_has_a_place_for_each_area() {
-        for word in super::super::Word::value_variants() {
-            let word = word.to_possible_value().unwrap();
-            Part { document: PAGE, name: word.get_name() }.read().unwrap();
+        for area in super::super::Word::value_variants() {
+            Part { document: PAGE, name: &word(area) }.read().unwrap();
         }
     }
 

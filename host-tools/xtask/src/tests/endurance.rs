@@ -8,6 +8,7 @@ use clap::ValueEnum;
 use super::journal::Journal;
 use super::named::{of_released, released};
 use super::{BOOT_TESTS, IMAGES};
+use crate::command::word;
 use crate::image;
 
 /// One thing that is tried.
@@ -37,22 +38,6 @@ pub enum Ordeal {
 }
 
 impl Ordeal {
-    /// Its name in the table, and on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Models => "models",
-            Self::Update => "update",
-            Self::Frames => "frames",
-            Self::Recording => "recording",
-            Self::Unplugged => "unplugged",
-            Self::Card => "card",
-            Self::Clock => "clock",
-            Self::Storing => "storing",
-            Self::Updating => "updating",
-            Self::Load => "load",
-        }
-    }
-
     const fn place(self) -> Place {
         match self {
             Self::Models | Self::Update => Place::Tests,
@@ -114,7 +99,7 @@ pub fn endurance(journal: &mut Journal, only: &[Ordeal]) {
     for ordeal in chosen {
         let (test, which) = ordeal.tests();
         let task = of_released(journal, test, which).env(IMAGES, &images.to_string_lossy());
-        journal.tests(ordeal.name(), |each_line| task.run_and_read(each_line));
+        journal.tests(&word(ordeal), |each_line| task.run_and_read(each_line));
     }
 }
 
@@ -124,14 +109,6 @@ mod tests {
 
     use super::*;
     use crate::command::root;
-
-    #[test]
-    fn its_name_is_that_of_the_command_line() {
-        for ordeal in Ordeal::value_variants() {
-            let word = ordeal.to_possible_value().expect("none is hidden");
-            assert_eq!(word.get_name(), ordeal.name());
-        }
-    }
 
     #[test]
     fn every_test_of_a_booted_box_that_takes_long_is_tried() {

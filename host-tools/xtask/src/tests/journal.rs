@@ -53,7 +53,7 @@ pub struct Check<'a> {
 
 struct Step {
     part: String,
-    name: &'static str,
+    name: String,
     took: Duration,
     failure: Option<String>,
     /// The counts, if the step is a run of tests.
@@ -90,7 +90,7 @@ impl Journal {
     }
 
     /// Runs one check; returns whether it passed.
-    pub fn check(&mut self, name: &'static str, run: impl FnOnce() -> Result<()>) -> bool {
+    pub fn check(&mut self, name: &str, run: impl FnOnce() -> Result<()>) -> bool {
         println!("\n== {}: {name}", self.part);
         let start = Instant::now();
         let done = run();
@@ -98,18 +98,13 @@ impl Journal {
     }
 
     /// Records a check that was run; returns whether it passed.
-    fn record(
-        &mut self,
-        part: String,
-        name: &'static str,
-        took: Duration,
-        done: Result<()>,
-    ) -> bool {
+    fn record(&mut self, part: String, name: &str, took: Duration, done: Result<()>) -> bool {
         let failure = done.err().map(|error| format!("{error:#}"));
         if let Some(failure) = &failure {
             println!("{name}: {failure}");
         }
         let passed = failure.is_none();
+        let name = name.to_owned();
         self.steps.push(Step { part, name, took, failure, tests: None, skips: Vec::new() });
         passed
     }
@@ -167,11 +162,7 @@ impl Journal {
     }
 
     /// Runs tests, whose lines `run` passes on, and collects their summaries.
-    pub fn tests(
-        &mut self,
-        name: &'static str,
-        run: impl FnOnce(&mut dyn FnMut(&str)) -> Result<()>,
-    ) {
+    pub fn tests(&mut self, name: &str, run: impl FnOnce(&mut dyn FnMut(&str)) -> Result<()>) {
         let mut tally = Tally::default();
         let mut summaries = Vec::new();
         let mut failures = Failures::default();
@@ -265,7 +256,7 @@ impl Journal {
         };
         for step in &self.steps {
             let verdict = if step.failure.is_some() { " FAILED" } else { "" };
-            row(&step.part, step.name, step.took, verdict);
+            row(&step.part, &step.name, step.took, verdict);
         }
         row("all", "", self.steps.iter().map(|step| step.took).sum(), "");
         text
@@ -386,7 +377,7 @@ mod tests {
     fn step(name: &'static str, failure: Option<&str>, tests: Option<Tally>) -> Step {
         Step {
             part: "native".into(),
-            name,
+            name: name.to_owned(),
             took: Duration::from_secs(2),
             failure: failure.map(str::to_owned),
             tests,
