@@ -110,7 +110,7 @@ def chromium_path():
 
 
 def shot(page, name):
-    """Keeps a picture of the whole page where somebody wants to look at it: it takes longer than what is tested."""
+    """Keeps a picture of the whole page if somebody wants to look at it: pictures take longer than the tests."""
     if "PLUMBLINE_SHOTS" in os.environ:
         keep_picture(page, name)
 

@@ -1,6 +1,7 @@
 //! The desk's page in a real Chromium, against the real `plumb desk` and the box's real program, whose
 //! camera shows rendered frames. Each script in Python drives the browser; the test beside it sets the
-//! stage and judges what has come of it.
+//! stage and judges what has come of it. With `PLUMBLINE_SHOTS=1` the scripts keep a picture of every step
+//! in `target/tmp/desk`, to be looked at; a page on which a test fails is always kept there.
 //!
 //! | what is done | what must come of it | where |
 //! |---|---|---|

@@ -121,8 +121,7 @@ impl Drop for Stage {
     }
 }
 
-/// Where pictures of the page are kept: of each step where `PLUMBLINE_SHOTS` is set to anything, and
-/// always of a page on which a test has failed.
+/// Where pictures of the page are kept.
 fn pictures() -> impl AsRef<OsStr> {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR"));
     target.join("desk")

@@ -37,7 +37,7 @@ const WITHIN_S: f64 = 1e-3;
 /// Two clocks differ by less, played and real ones.
 const PACE_PPM: f64 = 100.0;
 
-/// A number of seconds is rounded to less.
+/// Times are whole nanoseconds; in seconds they are rounded to less than one.
 const ROUNDED_S: f64 = 1e-9;
 
 /// What is stated of a time without any answer: see [`stated`].

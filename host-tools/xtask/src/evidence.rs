@@ -41,7 +41,7 @@ Examples:
   cargo xtask evidence fuzz packets link --minutes 60   # these targets; other rows stay as they are
   cargo xtask evidence endurance
   cargo xtask evidence endurance storing unplugged      # these things of it, in an hour and a quarter
-  cargo xtask evidence mutants update --jobs 2          # those of the update")]
+  cargo xtask evidence mutants update --jobs 2          # mutants of the update alone")]
 pub struct Arguments {
     /// What to try; everything when left out.
     #[command(subcommand)]
@@ -164,8 +164,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&is_over))?;
     }
-    // What is tried is built now, whatever is committed meanwhile. The page itself is not tried.
-    let (commit, machine) = (Commit::read_but(&[PAGE])?.mark(), machine());
+    // What is tried is built now, whatever is committed meanwhile. What is written is not tried.
+    let own = [&[PAGE][..], &mutants::WRITTEN].concat();
+    let (commit, machine) = (Commit::read_but(&own)?.mark(), machine());
     for what in what {
         let words = what.words().join(" ");
         let mut rows = Vec::new();

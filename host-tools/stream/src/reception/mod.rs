@@ -118,16 +118,16 @@ pub fn turn<W: std::io::Write>(
     is_full: &dyn Fn(&Receiver<W>) -> bool,
 ) -> Result<(), BadInput> {
     let mut handled = Ok(());
-    let mut came = None;
+    let mut bytes_came = None;
     let polled = transport.poll(&mut |event| {
         if handled.is_ok() && !is_full(receiver) {
-            // A packet has come with its bytes, which are handed over first, and not when they have
-            // been written down.
-            let now = match &event {
-                Event::Raw(_) => *came.insert(Instant::now()),
-                Event::Packet(_) => came.take().unwrap_or_else(Instant::now),
+            // A packet arrives with its bytes, which are handed over just before it: how long these take
+            // to be written down is no part of its time.
+            let now = match (&event, bytes_came.take()) {
+                (Event::Packet(_), Some(then)) => then,
                 _ => Instant::now(),
             };
+            bytes_came = matches!(event, Event::Raw(_)).then_some(now);
             handled = tap.event(&event, now).and_then(|()| receiver.handle(event, now));
         }
     });

@@ -24,7 +24,7 @@ mod here;
 mod initramfs;
 mod lock;
 mod modules;
-mod output;
+pub mod output;
 mod own_module;
 mod resolve;
 mod rpi4;

@@ -15,6 +15,7 @@ use clap::ValueEnum;
 
 use super::list::Mutant;
 use crate::command::{root, word};
+use crate::image::output;
 use crate::sums;
 
 /// What became of a mutant.
@@ -72,7 +73,7 @@ impl Ledger {
         Ok(())
     }
 
-    /// Leaves out what no longer counts, since its file is another one, and puts the rest in order.
+    /// Drops the outcomes of files that have changed or are gone, and sorts the rest.
     pub fn settle(&mut self) -> Result<()> {
         let mut text = String::new();
         for ((sum, name), outcome) in self.outcomes.clone() {
@@ -83,10 +84,7 @@ impl Ledger {
                 self.outcomes.remove(&(sum, name));
             }
         }
-        let said = || self.path.display().to_string();
-        let unfinished = self.path.with_extension("new");
-        fs::write(&unfinished, text).with_context(said)?;
-        fs::rename(&unfinished, &self.path).with_context(said)
+        output::file(&self.path, |path| fs::write(path, text).context("it cannot be written"))
     }
 
     fn sum(&mut self, file: &str) -> Result<String> {
@@ -106,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_no_longer_counts_is_left_out_and_the_rest_stays() {
+    fn outcomes_of_files_that_have_changed_are_dropped_and_the_rest_is_sorted() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("outcomes");
         let sum = &sums::sha256(&fs::read(root().join("Cargo.toml")).unwrap())[..16];

@@ -50,6 +50,9 @@ const CARGO_MUTANTS: CargoTool = CargoTool {
     why: "finds what can be changed in a source file",
 };
 
+/// What a run writes beside the sources, none of which is tried.
+pub const WRITTEN: [&str; 2] = [tally::PAGE, OUTCOMES];
+
 /// What has been tried.
 const OUTCOMES: &str = "tests/mutants.outcomes";
 

@@ -12,7 +12,7 @@ use crate::command::word;
 use crate::generated::Part;
 
 /// The list.
-const PAGE: &str = "tests/mutants.md";
+pub const PAGE: &str = "tests/mutants.md";
 
 /// The counts of a file.
 #[derive(Debug, Default, PartialEq, Eq)]
