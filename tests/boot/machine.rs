@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex, Weak};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use plumbline::packet::{Health, Hello, Message, PosePacket, frame_packet};
+use plumbline::packet::{Health, Hello, Message, PacketError, PosePacket, frame_packet};
 use plumbline::seal::{Announcement, Key, Peer, SEALED_FRAME_BYTES_MAX};
 use plumbline_files::BadInput;
 use plumbline_stream::transport::{
@@ -99,8 +99,8 @@ pub struct Packets {
     pub all: Vec<Vec<u8>>,
     /// The number of those that were not the box's, or had come before.
     pub not_authentic: usize,
-    /// Datagrams, or frames on the serial line, that were no packets.
-    pub damaged: usize,
+    /// What was wrong with the datagrams, or frames on the serial line, that were no packets.
+    pub damaged: Vec<PacketError>,
 }
 
 impl Packets {
@@ -390,7 +390,7 @@ fn watch<C: Carrier>(
                 match event {
                     Event::Packet(packet) => messages.push(packet.message),
                     Event::NotAuthentic => packets.not_authentic += 1,
-                    Event::Bad(_) => packets.damaged += 1,
+                    Event::Bad(error) => packets.damaged.push(error),
                     _ => {}
                 }
             });

@@ -1,7 +1,7 @@
 //! The poses of the booted box are the truth's, as good as those of the same
 //! frames tracked here.
 
-use plumbline::packet::{Message, PosePacket, ResetReason};
+use plumbline::packet::{Message, PacketError, PosePacket, ResetReason};
 
 use crate::machine::{Host, healths, in_order, is_measured, logs, poses};
 use crate::scene::{self, FRAMES, Position, RATE_HZ, SCENE, distance_mm};
@@ -60,7 +60,9 @@ fn a_camera_is_tracked_over_both_links_as_well_as_here() {
 
     // Nothing is in clear but who the box is, and nothing is lost, damaged or strange.
     for (way, packets) in ["UDP", "serial"].into_iter().zip(packets) {
-        assert_eq!((packets.damaged, packets.not_authentic), (0, 0), "{way}");
+        // Until the box has opened its line, the line says back what it hears.
+        let whole = packets.damaged.iter().filter(|&&it| it != PacketError::Fragment);
+        assert_eq!((whole.collect::<Vec<_>>(), packets.not_authentic), (vec![], 0), "{way}");
         assert!(!packets.show(&config.device) && !packets.show(FROM_DHCP), "{way} is in clear");
         let announcements: Vec<_> = packets.announcements().collect();
         assert!(!announcements.is_empty());

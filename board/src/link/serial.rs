@@ -12,7 +12,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use plumbline::packet::{Deframer, frame_packet};
+use plumbline::packet::{DELIMITER, Deframer, frame_packet};
 use plumbline::seal::{SEALED_BYTES_MAX, SEALED_FRAME_BYTES_MAX};
 use serialport::TTYPort;
 
@@ -232,13 +232,16 @@ impl Line {
             )
         };
         // Before the port takes exclusive access, after which nobody opens it again.
-        let file = OpenOptions::new()
+        let mut file = OpenOptions::new()
             .read(true)
             .write(true)
             .custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY)
             .open(device)
             .with_context(hint)?;
         let port = TTYPort::open(&serialport::new(device, baud)).with_context(hint)?;
+        // Until it is raw, a line says back what it hears. A frame of its own keeps that out of the
+        // first packet; on a line that takes nothing now, nothing was said either.
+        let _ = file.write(&[DELIMITER]);
         Ok(Self { device: file, _port: port })
     }
 }
@@ -252,6 +255,7 @@ impl std::fmt::Display for SerialLink {
 #[cfg(test)]
 mod tests {
     use std::os::unix::fs::symlink;
+    use std::process::Command;
 
     use plumbline_test_support::serial_lines;
     use serialport::SerialPort;
@@ -289,8 +293,27 @@ mod tests {
             std::thread::sleep(Duration::from_millis(50));
             link.send(&[5, 0]);
         }
-        let mut bytes = [0; 2];
+        let mut bytes = [0; 3];
         plugged.0.read_exact(&mut bytes).unwrap();
-        assert_eq!(bytes, [5, 0]);
+        assert_eq!(bytes, [0, 5, 0]);
+    }
+
+    #[test]
+    fn what_a_line_says_back_before_it_is_raw_is_no_part_of_the_first_packet() {
+        if !serial_lines() {
+            return;
+        }
+        // As a device is before anybody has opened it: what comes is said back.
+        let (mut host, box_end) = TTYPort::pair().unwrap();
+        let name = box_end.name().unwrap();
+        assert!(Command::new("stty").args(["-F", &name, "echo"]).status().unwrap().success());
+        host.write_all(b"U").unwrap();
+        let mut link = SerialLink::open(&name, 115_200).unwrap();
+        link.send(&[3, 1, 2, 0]);
+        assert_eq!(link.counts(), Counts { sent: 1, dropped: 0, waiting: 0 });
+        host.set_timeout(Duration::from_secs(10)).unwrap();
+        let mut bytes = [0; 6];
+        host.read_exact(&mut bytes).unwrap();
+        assert_eq!(bytes, [b'U', 0, 3, 1, 2, 0]);
     }
 }

@@ -260,6 +260,12 @@ impl<const N: usize> Deframer<N> {
         *self = Self::new();
     }
 
+    /// Whether a delimiter has been seen, so that the next frame is known to be whole.
+    #[must_use]
+    pub const fn is_synchronised(&self) -> bool {
+        self.synchronised
+    }
+
     /// Takes one byte; returns an outcome when the byte ends a frame. Consecutive delimiters are an
     /// idle line, not frames.
     pub fn feed(&mut self, byte: u8) -> Option<Result<Packet, PacketError>> {

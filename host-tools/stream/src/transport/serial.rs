@@ -3,7 +3,7 @@
 use std::io::{ErrorKind, Read, Write};
 use std::time::{Duration, Instant};
 
-use plumbline::packet::{Deframer, frame_packet};
+use plumbline::packet::{Deframer, PROTOCOL_VERSION, PacketError, frame_packet};
 use plumbline::seal::{Peer, SEALED_FRAME_BYTES_MAX};
 use plumbline_files::BadInput;
 
@@ -89,7 +89,12 @@ impl Carrier for Serial {
                 // Bytes show that a line works; that it could be opened does not.
                 self.reopen.1 = REOPEN_WAIT_MIN;
                 for &byte in &buffer[..length] {
+                    let is_whole = self.deframer.is_synchronised();
                     match self.deframer.frame(byte) {
+                        // The end of a frame may begin with any byte.
+                        Some(Ok([first, ..])) if !is_whole && *first != PROTOCOL_VERSION => {
+                            take(Arrived::Bad(PacketError::Fragment));
+                        }
                         Some(Ok(bytes)) => take(Arrived::Packet { from: Peer::Serial, bytes }),
                         Some(Err(error)) => take(Arrived::Bad(error)),
                         None => {}
@@ -163,4 +168,57 @@ fn cannot_open(path: &str, error: &std::io::Error) -> BadInput {
         return BadInput::whole(path, "there is no such device", remedy);
     }
     BadInput::whole(path, text.to_lowercase(), "give a serial device, such as /dev/ttyUSB0")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+
+    use super::*;
+
+    /// A line that says these bytes, and nothing more.
+    struct Says(VecDeque<u8>);
+
+    impl Read for Says {
+        fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+            if self.0.is_empty() { Err(ErrorKind::TimedOut.into()) } else { self.0.read(buffer) }
+        }
+    }
+
+    impl Write for Says {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    /// What comes of these bytes, from the beginning of listening.
+    fn heard(bytes: &[u8]) -> Vec<Result<Vec<u8>, PacketError>> {
+        let mut line = Some(Box::new(Says(bytes.iter().copied().collect())) as Box<dyn Line>);
+        let open = Box::new(move || line.take().ok_or_else(|| ErrorKind::NotFound.into()));
+        let mut serial = Serial::new(open).unwrap();
+        let mut heard = Vec::new();
+        let mut take = |arrived: Arrived<'_>| match arrived {
+            Arrived::Packet { bytes, .. } => heard.push(Ok(bytes.to_vec())),
+            Arrived::Bad(error) => heard.push(Err(error)),
+            Arrived::LineLost(_) | Arrived::LineBack => unreachable!("it stays"),
+        };
+        serial.poll(WAIT, &mut take).unwrap();
+        heard
+    }
+
+    #[test]
+    fn the_end_of_a_frame_is_not_taken_for_a_packet_of_another_version() {
+        let (ours, other) = ([PROTOCOL_VERSION, 7], [PROTOCOL_VERSION + 1, 7]);
+        let frame = |packet: [u8; 2]| [3, packet[0], packet[1], 0];
+        // What a frame's end decodes to if a byte in its middle says so, and a whole packet.
+        let bytes = [frame(other), frame(ours), frame(other)].concat();
+        let (ours, other) = (Ok(ours.to_vec()), Ok(other.to_vec()));
+        assert_eq!(heard(&bytes), [Err(PacketError::Fragment), ours.clone(), other]);
+        // A line on which nothing was said before is heard from its first packet.
+        assert_eq!(heard(&bytes[4..8]), [ours]);
+    }
 }
