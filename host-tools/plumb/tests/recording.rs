@@ -1,9 +1,12 @@
 //! A rendered person is recorded from the box's real program: whole, cut off by `kill -9`, on a
 //! disk that is full, and once more from its packets.
 
-use plumbline_test_support::{Absent, board_beside, command, free_address, is_emulated, skip};
+use plumbline_test_support::{
+    Absent, PERSON, PERSON_FRAMES as FRAMES, board_beside, command, free_address, is_emulated,
+    recording, skip,
+};
 use std::net::{SocketAddr, UdpSocket};
-use std::os::unix::fs::PermissionsExt as _;
+use std::os::unix::fs::{PermissionsExt as _, symlink};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
@@ -22,10 +25,8 @@ use crate::common::keys;
 /// A test that waits this long has failed.
 const PATIENCE: Duration = Duration::from_secs(120);
 
+/// Of the person, who is recorded for four seconds.
 const RATE_HZ: usize = 60;
-
-/// Four seconds.
-const FRAMES: usize = 240;
 
 /// A person in front of a box, and a computer that hears it.
 struct Bench {
@@ -49,7 +50,7 @@ impl Bench {
             format!("device = \"ward 3\"\nserial_number = \"PL-0001\"\n[links]\nudp = \"{udp}\"\n");
         std::fs::write(bench.path("box.toml"), settings).unwrap();
         keys::known(bench.folder.path());
-        bench.done(&format!("simulate --frames {} --fps {RATE_HZ} --out person", FRAMES));
+        symlink(recording(PERSON), bench.path("person")).unwrap();
         bench.done(
             "provision --camera person/camera.toml --targets person/targets.toml \
              --scene person/scene.toml --box box.toml --out box.plb",

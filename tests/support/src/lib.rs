@@ -39,7 +39,8 @@ pub use evidence::{SEED, SHARE, evidence, repetitions, seed};
 pub use mutations::mutations;
 pub use ports::{free_address, free_port, free_ports};
 pub use recordings::{
-    CONFIG_FILE, FRAMES_FILE, PROGRAMS, RECORDINGS, STANDARD, STANDARD_FRAMES, TRUTH_FILE, VGA,
+    CONFIG_FILE, FRAMES_FILE, PERSON, PERSON_FRAMES, PROGRAMS, RECORDINGS, STANDARD,
+    STANDARD_FRAMES, TRUTH_FILE, VGA,
 };
 pub use recordings::{make_recordings, program, recording};
 pub use skips::{Absent, SKIPS, Skip, read_skips, skip};

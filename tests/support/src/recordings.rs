@@ -23,6 +23,12 @@ pub const STANDARD_FRAMES: usize = 130;
 /// target completely, for longer than a target coasts.
 pub const STANDARD: &str = "standard";
 
+/// Frames of the recording of a person.
+pub const PERSON_FRAMES: usize = 240;
+
+/// [`PERSON_FRAMES`] of the standard scene at 60 Hz, in which nothing is hidden.
+pub const PERSON: &str = "person";
+
 /// One frame of a camera with 640 x 480 pixels.
 pub const VGA: &str = "vga";
 
@@ -33,8 +39,9 @@ pub const TRUTH_FILE: &str = "truth.csv";
 /// The configuration that a recording is tracked with.
 pub const CONFIG_FILE: &str = "box.plb";
 
-const SETTINGS: [(&str, &[&str]); 2] = [
+const SETTINGS: [(&str, &[&str]); 3] = [
     (STANDARD, &["--frames", "130", "--occlude", "lumbar:0.72:1.94:1"]),
+    (PERSON, &["--frames", "240"]),
     (VGA, &["--frames", "1", "--lens", "vga"]),
 ];
 
