@@ -39,7 +39,18 @@ impl Writer {
     /// # Errors
     /// When it cannot be opened, or no thread can be had.
     pub fn start(partition: &Path) -> Result<Self> {
-        let disk = Disk::open(partition, true)?;
+        let (writer, work) = Self::and_its_work(Disk::open(partition, true)?);
+        thread::Builder::new()
+            .name("update".into())
+            .spawn(move || {
+                realtime::be_ordinary();
+                work.run();
+            })
+            .context("no thread that writes the update")?;
+        Ok(writer)
+    }
+
+    fn and_its_work(disk: Disk) -> (Self, Work) {
         // Room for all blocks and the last job: nobody ever waits to hand something over.
         let (jobs, to_do) = sync_channel(BLOCKS + 1);
         let (give_back, free) = sync_channel(BLOCKS);
@@ -48,16 +59,7 @@ impl Writer {
             // There is room for them.
             let _ = give_back.try_send(Block::new());
         }
-        thread::Builder::new()
-            .name("update".into())
-            .spawn(move || {
-                realtime::be_ordinary();
-                if let Some(outcome) = work(&disk, &to_do, &give_back) {
-                    let _ = say.try_send(outcome);
-                }
-            })
-            .context("no thread that writes the update")?;
-        Ok(Self { jobs, free, outcome })
+        (Self { jobs, free, outcome }, Work { disk, to_do, give_back, say })
     }
 
     /// A block to be filled, if one is free.
@@ -88,24 +90,37 @@ impl Writer {
     }
 }
 
-/// Does the jobs until one fails or the last is done; `None` if nobody wants the rest.
-fn work(
-    disk: &Disk,
-    to_do: &Receiver<Job>,
-    give_back: &SyncSender<Box<Block>>,
-) -> Option<Result<()>> {
-    while let Ok(job) = to_do.recv() {
-        match job {
-            Job::Write { at, block, bytes } => {
-                if let Err(error) = disk.write(at, &block, bytes) {
-                    return Some(Err(error));
-                }
-                let _ = give_back.try_send(block);
-            }
-            Job::Check { bytes, hash } => return Some(check(disk, bytes, &hash)),
+/// What the thread has to do, and whom it tells.
+struct Work {
+    disk: Disk,
+    to_do: Receiver<Job>,
+    give_back: SyncSender<Box<Block>>,
+    say: SyncSender<Result<()>>,
+}
+
+impl Work {
+    /// Does the jobs until one fails or the last is done, and says what came of it.
+    fn run(self) {
+        if let Some(outcome) = self.outcome() {
+            let _ = self.say.try_send(outcome);
         }
     }
-    None
+
+    /// `None` if nobody wants the rest.
+    fn outcome(&self) -> Option<Result<()>> {
+        while let Ok(job) = self.to_do.recv() {
+            match job {
+                Job::Write { at, block, bytes } => {
+                    if let Err(error) = self.disk.write(at, &block, bytes) {
+                        return Some(Err(error));
+                    }
+                    let _ = self.give_back.try_send(block);
+                }
+                Job::Check { bytes, hash } => return Some(check(&self.disk, bytes, &hash)),
+            }
+        }
+        None
+    }
 }
 
 fn check(disk: &Disk, bytes: u64, hash: &[u8; HASH_BYTES]) -> Result<()> {
@@ -171,6 +186,23 @@ mod tests {
         let (_, outcome) = written(&update, [0; HASH_BYTES]);
         let error = outcome.unwrap_err().to_string();
         assert!(error.contains("not what was signed"), "{error}");
+    }
+
+    #[test]
+    fn all_blocks_and_the_check_wait_for_a_card_that_takes_nothing_yet() {
+        let update = vec![7; BLOCKS * BLOCK_BYTES];
+        let slot = tempfile::NamedTempFile::new().unwrap();
+        let (writer, work) = Writer::and_its_work(Disk::open(slot.path(), true).unwrap());
+        for (index, bytes) in update.chunks(BLOCK_BYTES).enumerate() {
+            let mut block = writer.block().expect("all are free");
+            block.bytes_mut().copy_from_slice(bytes);
+            writer.write((index * BLOCK_BYTES) as u64, block, bytes.len());
+        }
+        assert!(writer.block().is_none());
+        writer.check(update.len() as u64, Sha256::digest(&update).into());
+        assert!(writer.outcome().is_none());
+        work.run();
+        writer.outcome().expect("the check was done").unwrap();
     }
 
     #[test]

@@ -71,11 +71,11 @@ pub fn used(file_system: &[u8]) -> Option<&[u8]> {
 mod tests {
     use super::*;
 
-    /// A file system of 64 clusters of two sectors, with two tables of two sectors.
+    /// A file system of 64 clusters of two sectors, with two tables of three sectors.
     fn file_system() -> Vec<u8> {
-        let mut system = vec![0; (32 + 4 + 64 * 2) * SECTOR_BYTES];
+        let mut system = vec![0; (32 + 6 + 64 * 2) * SECTOR_BYTES];
         system[11..17].copy_from_slice(&[0, 2, 2, 32, 0, 2]);
-        system[36] = 2;
+        system[36] = 3;
         system[510..512].copy_from_slice(&[0x55, 0xaa]);
         system
     }
@@ -88,9 +88,9 @@ mod tests {
             system[entry(cluster)..][..4].copy_from_slice(&[0xff, 0xff, 0xff, 0x0f]);
         }
         // Clusters 2 to 9 are eight.
-        assert_eq!(used(&system).unwrap().len(), (36 + 8 * 2) * SECTOR_BYTES);
+        assert_eq!(used(&system).unwrap().len(), (38 + 8 * 2) * SECTOR_BYTES);
         system[entry(60) + 3] = 0xf0;
-        assert_eq!(used(&system).unwrap().len(), (36 + 8 * 2) * SECTOR_BYTES);
+        assert_eq!(used(&system).unwrap().len(), (38 + 8 * 2) * SECTOR_BYTES);
         system[entry(65)] = 1;
         assert_eq!(used(&system).unwrap().len(), system.len());
         // A table that says more than there is, in its first sector and in its second.
