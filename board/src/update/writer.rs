@@ -50,6 +50,7 @@ impl Writer {
         Ok(writer)
     }
 
+    /// A writer without its thread, and what that has to do.
     fn and_its_work(disk: Disk) -> (Self, Work) {
         // Room for all blocks and the last job: nobody ever waits to hand something over.
         let (jobs, to_do) = sync_channel(BLOCKS + 1);
