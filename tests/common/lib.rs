@@ -6,5 +6,4 @@ pub mod coloured;
 pub mod keys;
 pub mod lsl;
 pub mod photographer;
-pub mod python;
 pub mod scene;

@@ -6,10 +6,8 @@ use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use plumbline_test_support::{free_ports, root};
+use plumbline_test_support::{free_ports, python, root};
 use serde_json::Value;
-
-use crate::python::python;
 
 /// Three streams of `plumb` and one of stimuli, and the sockets of those who ask for them.
 const PORTS: u16 = 12;

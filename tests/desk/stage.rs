@@ -5,10 +5,9 @@ use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use common::python::python;
 use plumbline::config::FILE_NAME;
 use plumbline::seal::KEY_FILE_NAME;
-use plumbline_test_support::{Absent, root, skip};
+use plumbline_test_support::{chromium, python, root};
 
 use crate::camera::{RATE_HZ, Shown, TheBox};
 use crate::stand::{Desk, Stand, text_of};
@@ -48,11 +47,7 @@ impl Stage {
 
     fn of(a_box: impl FnOnce(&Stand) -> PathBuf) -> Option<Self> {
         let stand = Stand::new()?;
-        let paths = std::env::var_os("PATH")?;
-        if !std::env::split_paths(&paths).any(|it| it.join("chromium").is_file()) {
-            skip(Absent::Tool, "there is no chromium; `cargo xtask test` installs it");
-            return None;
-        }
+        chromium()?;
         let python = python()?;
         let the_box = a_box(&stand);
         Some(Self { stand, python, the_box })

@@ -3,11 +3,10 @@
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
-use common::python::python;
 use plumbline::packet::PosePacket;
 use plumbline::seal::KEY_FILE_NAME;
 use plumbline::target::Role;
-use plumbline_test_support::root;
+use plumbline_test_support::{python, root};
 
 use crate::bench::{Bench, sorted};
 use crate::relay::{Faults, Relay};

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use plumbline::pose::{Pose, Scene, Target};
 use plumbline::target::Role;
 use plumbline_stream::fixture::config;
-use plumbline_test_support::{Absent, program, skip};
+use plumbline_test_support::{program, python};
 use plumbline_trial::test_trial::Made;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -340,9 +340,7 @@ fn sight_widens_sway_by_half(study: &Path, trials: usize) {
 
 /// DuckDB finds the same in the Parquet files alone.
 fn same_by_sql(folder: &Path) {
-    let Some(python) = std::env::var_os("PLUMBLINE_PYTHON") else {
-        return skip(Absent::Tool, "PLUMBLINE_PYTHON does not say which Python has DuckDB");
-    };
+    let Some(python) = python() else { return };
     let mut arguments = words("figures --filter none --out none.csv --force");
     let trials = fs::read_dir(folder.join("trials")).unwrap().map(|it| it.unwrap().file_name());
     arguments.extend(trials.map(|it| format!("trials/{}", it.to_str().unwrap())));

@@ -20,9 +20,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde_json::Value;
 
+use crate::common::browser::Browser;
 use crate::common::finished::{Finished, plumb};
 use crate::common::trial;
-use crate::report_in_browser::{assert_shown, native_browser};
+use crate::report_in_browser::assert_shown;
 
 const SIZE: [usize; 2] = [800, 600];
 const RATE_HZ: usize = 30;
@@ -348,7 +349,7 @@ fn no_input_is_overwritten_and_no_page_without_being_asked() {
 
 #[test]
 fn pages_are_shown_on_screens_and_on_paper() {
-    let Some(browser) = native_browser() else { return };
+    let Some(browser) = Browser::new() else { return };
     let folder = folder();
     let at = |name: &str| folder.path().join(name);
     record(&at("rests.y4m"), &GOOD, &rests(5.0, 2), 90);

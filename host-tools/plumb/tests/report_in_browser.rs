@@ -2,14 +2,13 @@
 //! and by night, and on paper.
 
 use crate::common::trial;
-use plumbline_test_support::{Absent, is_emulated, skip};
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::common::browser::{Browser, WIDTHS_PX};
+use crate::common::browser::{Browser, Shown, WIDTHS_PX};
 use crate::common::finished::plumb;
 use crate::common::trial::Frame;
 
@@ -82,15 +81,6 @@ fn study_page(folder: &Path) -> PathBuf {
     folder.join("report.html")
 }
 
-/// The browser, where the page is made on its processor: no page depends on that.
-pub fn native_browser() -> Option<Browser> {
-    if is_emulated() {
-        skip(Absent::Emulator, "the pages are the same on every processor");
-        return None;
-    }
-    Browser::new()
-}
-
 /// Opens a page with so many figures, prints it on so many sheets and looks for words on them.
 #[track_caller]
 pub fn assert_shown(
@@ -100,9 +90,10 @@ pub fn assert_shown(
     sheets: RangeInclusive<usize>,
     words: &[&str],
 ) {
-    let (layouts, console) = browser.layouts(page);
-    assert_eq!(console, [""; 0]);
-    for (layout, width) in layouts.iter().zip(WIDTHS_PX) {
+    let shown = browser.show(page);
+    assert_eq!(shown.console, [""; 0]);
+    assert_eq!(shown.layouts.len(), WIDTHS_PX.len());
+    for (layout, width) in shown.layouts.iter().zip(WIDTHS_PX) {
         assert_eq!(layout.client_width, f64::from(width));
         assert!(layout.scroll_width <= layout.client_width, "{layout:?}");
         assert_eq!(layout.requests, [""; 0]);
@@ -111,14 +102,12 @@ pub fn assert_shown(
         let seen = |it: &[f64; 2]| it[0] > 300.0 && it[1] > 150.0;
         assert!(layout.figures.iter().all(seen), "{layout:?}");
     }
-    for (dark, bounds) in [(false, LIGHT), (true, DARK)] {
-        let grey = mean(&browser.picture(page, dark));
-        assert!(bounds.contains(&grey), "dark {dark}: {grey}");
+    let sheet = first_sheet(&shown.paper);
+    for (picture, bounds) in [(&shown.light, LIGHT), (&shown.dark, DARK), (&sheet, LIGHT)] {
+        let grey = mean(picture);
+        assert!(bounds.contains(&grey), "{grey} is not in {bounds:?}");
     }
-    let paper = browser.print(page);
-    let grey = mean(&first_sheet(&paper));
-    assert!(LIGHT.contains(&grey), "paper: {grey}");
-    let texts = on_paper(&paper);
+    let texts = on_paper(&shown.paper);
     assert!(sheets.contains(&texts.len()), "{} sheets", texts.len());
     for text in &texts {
         // A plot and its caption are on one sheet.
@@ -174,7 +163,7 @@ fn on_paper(pdf: &Path) -> Vec<String> {
 
 #[test]
 fn a_trial_is_shown_on_screens_and_on_paper() {
-    let Some(browser) = native_browser() else { return };
+    let Some(browser) = Browser::new() else { return };
     let folder = tempfile::tempdir().unwrap();
     let page = trial_page(folder.path());
     // Of two trunks three planes, three axes and the spectra; of three axes two of agreement. A
@@ -194,7 +183,7 @@ fn a_trial_is_shown_on_screens_and_on_paper() {
 
 #[test]
 fn a_study_is_shown_on_screens_and_on_paper() {
-    let Some(browser) = native_browser() else { return };
+    let Some(browser) = Browser::new() else { return };
     let folder = tempfile::tempdir().unwrap();
     let page = study_page(folder.path());
     let text = std::fs::read_to_string(&page).unwrap();
@@ -209,17 +198,18 @@ fn a_study_is_shown_on_screens_and_on_paper() {
 /// What the browser says of a page that has all the faults.
 #[test]
 fn the_faults_of_a_page_are_found() {
-    let Some(browser) = native_browser() else { return };
+    let Some(browser) = Browser::new() else { return };
     let folder = tempfile::tempdir().unwrap();
     let page = folder.path().join("page.html");
     let text = "<!DOCTYPE html><body style=\"background: #777\"><figure><svg width=0></svg></figure>\
                 <div style=\"width: 1000px\">wide</div><img src=\"http://127.0.0.1:9/x.png\">\
                 <script>nothing();</script>";
     std::fs::write(&page, text).unwrap();
-    let (layouts, console) = browser.layouts(&page);
-    // Two frames, each with its error.
+    let Shown { layouts, console, dark, .. } = browser.show(&page);
+    // At each width, its error.
     let errors = console.iter().filter(|it| it.contains("nothing is not defined")).count();
     assert_eq!(errors, WIDTHS_PX.len(), "{console:?}");
+    assert_eq!(layouts.len(), WIDTHS_PX.len());
     for layout in &layouts {
         assert_eq!(layout.requests, ["http://127.0.0.1:9/x.png"]);
         assert_eq!(layout.figures.len(), 1);
@@ -227,6 +217,6 @@ fn the_faults_of_a_page_are_found() {
     }
     assert!(layouts[0].scroll_width <= layouts[0].client_width, "{:?}", layouts[0]);
     assert!(layouts[1].scroll_width > 1000.0, "{:?}", layouts[1]);
-    let grey = mean(&browser.picture(&page, true));
+    let grey = mean(&dark);
     assert!(!LIGHT.contains(&grey) && !DARK.contains(&grey), "{grey}");
 }

@@ -5,11 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 
-use plumbline_test_support::{Absent, PROGRAMS, command, is_emulated, program, root, skip};
+use plumbline_test_support::{Absent, PROGRAMS, command, is_emulated, program, python, root, skip};
 use tempfile::TempDir;
-
-/// Names the Python that has NumPy and the rest; `cargo xtask test` installs them.
-const PYTHON: &str = "PLUMBLINE_PYTHON";
 
 /// As cargo names what it builds.
 const EXTENSION: &str = "lib_plumbline.so";
@@ -27,11 +24,7 @@ pub struct Bench {
 impl Bench {
     /// `None`, with the test recorded as skipped, without Python.
     pub fn new() -> Option<Self> {
-        let Some(python) = python() else {
-            skip(Absent::Tool, "PLUMBLINE_PYTHON does not say which Python has NumPy");
-            return None;
-        };
-        Self::with(python)
+        Self::with(python()?)
     }
 
     /// The same with this Python.
@@ -93,11 +86,6 @@ impl Bench {
         assert!(output.status.success(), "{command:?}: {said}");
         String::from_utf8(output.stdout).unwrap()
     }
-}
-
-/// The Python that has NumPy.
-pub fn python() -> Option<PathBuf> {
-    std::env::var_os(PYTHON).map(PathBuf::from)
 }
 
 /// The crate's directory.

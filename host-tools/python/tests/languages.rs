@@ -5,10 +5,10 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use plumbline_test_support::{Absent, root, skip};
+use plumbline_test_support::{Absent, python, root, skip};
 use serde_json::Value;
 
-use crate::bench::{Bench, python};
+use crate::bench::Bench;
 use crate::trials::{EVERYBODY, write_all};
 
 const PAGES: &str = "host-tools/elsewhere";

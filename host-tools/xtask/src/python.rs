@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
+use plumbline_test_support::PYTHON;
 
 use crate::command::{Task, root, target_directory};
 
@@ -27,7 +28,7 @@ pub struct Packages {
 pub const READERS: Packages = Packages {
     requirements: "host-tools/plumb/tests/export/requirements.txt",
     place: "python",
-    variable: Some("PLUMBLINE_PYTHON"),
+    variable: Some(PYTHON),
 };
 
 /// Apache Spark, which is large.

@@ -6,6 +6,7 @@
 //! - [`command`], [`serial_lines`], [`program`], [`board_beside`]: this project's programs, in an
 //!   emulator too.
 //! - [`recording`]: rendered frames with known poses, in files.
+//! - [`python`], [`chromium`]: programs of other people.
 //! - [`free_port`], [`free_address`], [`free_ports`]: where a program can listen.
 //! - [`mutations`]: damaged versions of a good file.
 //! - [`evidence`], [`repetitions`], [`seed`]: what is tried many times, and what was found.
@@ -17,6 +18,7 @@
 //! |---|---|
 //! | [`DATA`] | where the data are; relative to the root of the checkout |
 //! | [`RUNNER`] | the emulator that runs programs of another processor |
+//! | [`PYTHON`] | the Python that has other people's packages |
 //! | [`SKIPS`] | the file that skips are appended to |
 //! | [`PROGRAMS`] | where this project's programs are built |
 //! | [`RECORDINGS`] | where the rendered recordings are |
@@ -26,6 +28,7 @@
 mod evidence;
 pub mod fuzz;
 mod mutations;
+mod others;
 mod ports;
 mod recordings;
 mod skips;
@@ -37,6 +40,7 @@ use std::process::Command;
 
 pub use evidence::{SEED, SHARE, evidence, repetitions, seed};
 pub use mutations::mutations;
+pub use others::{PYTHON, chromium, python};
 pub use ports::{free_address, free_port, free_ports};
 pub use recordings::{
     CONFIG_FILE, FRAMES_FILE, PERSON, PERSON_FRAMES, PROGRAMS, RECORDINGS, STANDARD,

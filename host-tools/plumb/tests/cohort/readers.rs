@@ -1,18 +1,16 @@
 //! DuckDB, Polars, pyarrow and pandas read a cohort as it is, and SQL finds plumb's figures.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
-use plumbline_test_support::{Absent, skip};
+use plumbline_test_support::python;
 use serde_json::Value;
 
 use super::{add, plumb, record, trials};
 
 #[test]
 fn every_reader_finds_the_same_and_sql_computes_plumbs_figures() {
-    let Some(python) = std::env::var_os("PLUMBLINE_PYTHON").map(PathBuf::from) else {
-        return skip(Absent::Tool, "PLUMBLINE_PYTHON does not say which Python has the readers");
-    };
+    let Some(python) = python() else { return };
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("trials")).unwrap();
     // Codes and conditions that are easily misread.

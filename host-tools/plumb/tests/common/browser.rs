@@ -1,23 +1,15 @@
-//! A page in a real browser, Chromium without a window: what it reports of the page, how it looks,
-//! and how it is printed.
+//! A page in a real browser, Chromium without a window: what it is like, how it looks, and how it is
+//! printed.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
 
 use image::GrayImage;
-use plumbline_test_support::{Absent, skip};
+use plumbline_test_support::{Absent, chromium, is_emulated, python, skip};
 use serde::Deserialize;
-
-/// A browser that takes longer hangs; it usually takes two seconds.
-const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Widths at which a page is looked at, px: of a screen, and of a telephone.
 pub const WIDTHS_PX: [u32; 2] = [1280, 400];
-
-/// A window that shows the upper part of a page.
-const SCREEN_PX: [u32; 2] = [1280, 2400];
 
 /// What a page is like at one width, px.
 #[derive(Debug, Deserialize)]
@@ -30,117 +22,56 @@ pub struct Layout {
     pub requests: Vec<String>,
 }
 
-/// A page and what its reader has set.
+/// A page as its readers see it.
+pub struct Shown {
+    /// At each of [`WIDTHS_PX`].
+    pub layouts: Vec<Layout>,
+    /// What was said on the console at all of them.
+    pub console: Vec<String>,
+    /// To a reader who prefers light pages, and to one who prefers dark ones.
+    pub light: GrayImage,
+    pub dark: GrayImage,
+    /// As the latter prints it.
+    pub paper: PathBuf,
+    _folder: tempfile::TempDir,
+}
+
+/// The browser, and the Python that drives it.
 pub struct Browser {
-    program: PathBuf,
-    folder: tempfile::TempDir,
+    chromium: PathBuf,
+    python: PathBuf,
 }
 
 impl Browser {
-    /// `None` where there is none.
+    /// `None`, with the test recorded as skipped, where one of both is not there, or the page is made on
+    /// another processor: it is the same on every one.
     pub fn new() -> Option<Self> {
-        let paths = std::env::var_os("PATH")?;
-        let program = std::env::split_paths(&paths).map(|it| it.join("chromium"));
-        match program.into_iter().find(|it| it.is_file()) {
-            Some(program) => Some(Self { program, folder: tempfile::tempdir().unwrap() }),
-            None => {
-                skip(Absent::Tool, "there is no chromium; `cargo xtask test` installs it");
-                None
-            }
+        if is_emulated() {
+            skip(Absent::Emulator, "the pages are the same on every processor");
+            return None;
         }
+        Some(Self { chromium: chromium()?, python: python()? })
     }
 
-    /// Shows a page; gives its elements after its scripts, and what the console says.
-    fn show(&self, page: &Path, more: &[String]) -> (String, Vec<String>) {
-        let [output, log] = ["output", "log"].map(|name| self.folder.path().join(name));
-        let mut command = Command::new(&self.program);
-        command
-            .args(["--headless", "--disable-gpu", "--no-first-run", "--hide-scrollbars"])
-            // In a container its sandbox has no rights; the pages are this project's own.
-            .arg("--no-sandbox")
-            // Nothing but the page asks for anything.
-            .args(["--disable-background-networking", "--disable-component-update"])
-            .args(["--disable-sync", "--disable-quic", "--no-pdf-header-footer"])
-            .args(["--enable-logging=stderr", "--dump-dom"])
-            .arg(format!("--user-data-dir={}", self.folder.path().join("profile").display()))
-            .args(more)
-            .arg(format!("file://{}", page.canonicalize().unwrap().display()))
-            .stdin(Stdio::null())
-            .stdout(File::create(&output).unwrap())
-            .stderr(File::create(&log).unwrap());
-        let mut child = command.spawn().unwrap();
-        let give_up = Instant::now() + PATIENCE;
-        let status = loop {
-            if let Some(status) = child.try_wait().unwrap() {
-                break Some(status);
-            }
-            if Instant::now() > give_up {
-                break None;
-            }
-            std::thread::sleep(Duration::from_millis(20));
-        };
-        if status.is_none() {
-            child.kill().unwrap();
-            child.wait().unwrap();
+    /// Opens a page, and prints it.
+    #[track_caller]
+    pub fn show(&self, page: &Path) -> Shown {
+        #[derive(Deserialize)]
+        struct Said {
+            layouts: Vec<Layout>,
+            console: Vec<String>,
         }
-        let log = String::from_utf8_lossy(&std::fs::read(&log).unwrap()).into_owned();
-        assert!(status.is_some_and(|it| it.success()), "{command:?}: {status:?}\n{log}");
-        let console = log.lines().filter(|line| line.contains(":CONSOLE"));
-        (std::fs::read_to_string(&output).unwrap(), console.map(str::to_owned).collect())
-    }
 
-    /// The page as it is at each of [`WIDTHS_PX`], and what the console says. It stands in frames
-    /// of these widths, untouched: a window is never narrower than 500 px.
-    pub fn layouts(&self, page: &Path) -> (Vec<Layout>, Vec<String>) {
-        let text = std::fs::read_to_string(page).unwrap();
-        let text = text.replace('&', "&amp;").replace('"', "&quot;");
-        let frames = WIDTHS_PX
-            .map(|width| format!("<iframe width={width} height=900 srcdoc=\"{text}\"></iframe>"));
-        let script = r#"
-            const box = it => { const { width, height } = it.getBoundingClientRect(); return [width, height]; };
-            const layout = ({ contentDocument: page, contentWindow: its }) => ({
-                client_width: page.documentElement.clientWidth,
-                scroll_width: page.documentElement.scrollWidth,
-                figures: [...page.querySelectorAll("figure")].map(it => box(it.querySelector("svg"))),
-                requests: its.performance.getEntriesByType("resource").map(it => it.name),
-            });
-            addEventListener("load", () => {
-                const layouts = [...document.querySelectorAll("iframe")].map(layout);
-                document.body.textContent = "BEGIN" + JSON.stringify(layouts) + "END";
-            });"#;
-        let probe = self.folder.path().join("probe.html");
-        let style = "<style>iframe { border: 0 }</style>";
-        let html = format!("<!DOCTYPE html>{style}<script>{script}</script>{}", frames.concat());
-        std::fs::write(&probe, html).unwrap();
-        let (elements, console) = self.show(&probe, &[]);
-        let json = elements.rsplit_once("BEGIN").and_then(|(_, it)| it.split_once("END"));
-        let (json, _) = json.unwrap_or_else(|| panic!("no answer: {console:?}"));
-        let json = json.replace("&amp;", "&");
-        (serde_json::from_str(&json).unwrap(), console)
-    }
-
-    /// The page as a reader sees it who prefers dark pages, or does not.
-    pub fn picture(&self, page: &Path, dark: bool) -> GrayImage {
-        let picture = self.folder.path().join("page.png");
-        let [width, height] = SCREEN_PX;
-        self.show(
-            page,
-            &[
-                format!("--window-size={width},{height}"),
-                // Of Chromium's own enumeration.
-                format!("--blink-settings=preferredColorScheme={}", if dark { 0 } else { 1 }),
-                format!("--screenshot={}", picture.display()),
-            ],
-        );
-        image::open(&picture).unwrap().to_luma8()
-    }
-
-    /// The page on paper.
-    pub fn print(&self, page: &Path) -> PathBuf {
-        let paper = self.folder.path().join("page.pdf");
-        // Paper is white, whatever its reader prefers on a screen.
-        let dark = "--blink-settings=preferredColorScheme=0".to_owned();
-        self.show(page, &[dark, format!("--print-to-pdf={}", paper.display())]);
-        paper
+        let folder = tempfile::tempdir().unwrap();
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/common/browser.py");
+        let mut command = Command::new(&self.python);
+        command.arg(script).arg(&self.chromium).args([page, folder.path()]).stdin(Stdio::null());
+        let done = command.args(WIDTHS_PX.map(|it| it.to_string())).output().unwrap();
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        let Said { layouts, console } = serde_json::from_slice(&done.stdout).unwrap();
+        let picture = |name: &str| image::open(folder.path().join(name)).unwrap().to_luma8();
+        let [light, dark] = ["light.png", "dark.png"].map(picture);
+        let paper = folder.path().join("page.pdf");
+        Shown { layouts, console, light, dark, paper, _folder: folder }
     }
 }

@@ -12,7 +12,7 @@ use plumbline::pose::{Cam, Pose, Scene, Target, rotation_from_vector};
 use plumbline::report::TargetState;
 use plumbline::target::Role;
 use plumbline_stream::fixture;
-use plumbline_test_support::{Absent, command, skip};
+use plumbline_test_support::{command, python};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -84,14 +84,6 @@ fn write(folder: &Path, frames: &[Frame], marks: &[(f64, &str)]) {
 fn angle_rad(frame: usize) -> [f64; 2] {
     let at = frame as f64 / RATE_HZ;
     [0.1 * (2.0 * at).sin() - 0.05, 0.3 * at]
-}
-
-fn python() -> Option<PathBuf> {
-    let python = std::env::var_os("PLUMBLINE_PYTHON").map(PathBuf::from);
-    if python.is_none() {
-        skip(Absent::Tool, "PLUMBLINE_PYTHON does not say which Python has the readers");
-    }
-    python
 }
 
 fn export(folder: &Path, format: &str, name: &str) -> PathBuf {
