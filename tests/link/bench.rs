@@ -3,7 +3,7 @@
 use std::ffi::OsString;
 use std::fs::File;
 use std::io::{Read as _, Write as _};
-use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::net::{Ipv4Addr, SocketAddr};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Output, Stdio};
@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use plumbline::packet::{Deframer, Message, Packet, PosePacket, decode_datagram};
 use plumbline::seal::{KEY_FILE_NAME, Key};
 use plumbline_stream::transport::Raw;
-use plumbline_test_support::{Absent, command, free_port, is_emulated, program, skip};
+use plumbline_test_support::{Absent, command, free_port, is_emulated, listens_at, program, skip};
 use plumbline_trial::journal::{Content, Entry, Reader};
 use plumbline_trial::{Manifest, names};
 use serde_json::Value;
@@ -148,8 +148,7 @@ impl Bench {
         let file = File::create(&said).unwrap();
         command.stdin(Stdio::null()).stdout(file.try_clone().unwrap()).stderr(file);
         let running = Running { child: command.spawn().unwrap(), said };
-        // The port is free for as long as nobody listens at it.
-        wait_for("a host that listens", || UdpSocket::bind(address).is_err());
+        wait_for("a host that listens", || listens_at(address.port()));
         running
     }
 

@@ -3,7 +3,7 @@
 
 use plumbline_test_support::{
     Absent, PERSON, PERSON_FRAMES as FRAMES, board_beside, command, free_address, is_emulated,
-    recording, skip,
+    listens_at, recording, skip,
 };
 use std::net::{SocketAddr, UdpSocket};
 use std::os::unix::fs::{PermissionsExt as _, symlink};
@@ -88,8 +88,7 @@ impl Bench {
     fn receive(&self, arguments: &str) -> Running {
         let mut command = self.command(&format!("receive --udp UDP --anyway --past {arguments}"));
         let running = Running::start(command.stdout(Stdio::null()).stderr(Stdio::null()));
-        // The port is free for as long as nobody listens at it.
-        wait_for(|| UdpSocket::bind(self.udp).is_err());
+        wait_for(|| listens_at(self.udp.port()));
         running
     }
 
@@ -276,7 +275,7 @@ fn the_duration_counts_from_the_mark_and_the_mark_is_shown() {
         format!("receive --udp UDP --anyway --out p02 --mark-udp {marks} --duration {DURATION_S}");
     let mut command = bench.command(&arguments);
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    wait_for(|| UdpSocket::bind(bench.udp).is_err());
+    wait_for(|| listens_at(bench.udp.port()));
     let _box = bench.start("sent.bin");
     // More than a second of the recording is over, half of its duration.
     wait_for(|| recorded(&bench.path("p02")) > FRAMES / 4 + RATE_HZ / 5);
@@ -332,7 +331,7 @@ fn a_full_disk_ends_a_recording_with_what_is_there() {
     shell.args(["-c", &script]).current_dir(bench.folder.path());
     shell.env("XDG_DATA_HOME", keys::data(bench.folder.path()));
     let child = shell.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    wait_for(|| UdpSocket::bind(bench.udp).is_err());
+    wait_for(|| listens_at(bench.udp.port()));
     let _box = bench.start("sent.bin");
     let output = child.wait_with_output().unwrap();
     let said = text(&output);

@@ -7,7 +7,8 @@
 //!   emulator too.
 //! - [`recording`]: rendered frames with known poses, in files.
 //! - [`python`], [`chromium`]: programs of other people.
-//! - [`free_port`], [`free_address`], [`free_ports`]: where a program can listen.
+//! - [`free_port`], [`free_address`], [`free_ports`], [`listens_at`]: where a program can listen, and
+//!   whether it does.
 //! - [`mutations`]: damaged versions of a good file.
 //! - [`evidence`], [`repetitions`], [`seed`]: what is tried many times, and what was found.
 //! - [`fuzz`]: what `cargo xtask fuzz` tries.
@@ -41,7 +42,7 @@ use std::process::Command;
 pub use evidence::{SEED, SHARE, evidence, repetitions, seed};
 pub use mutations::mutations;
 pub use others::{PYTHON, chromium, python};
-pub use ports::{free_address, free_port, free_ports};
+pub use ports::{free_address, free_port, free_ports, listens_at};
 pub use recordings::{
     CONFIG_FILE, FRAMES_FILE, PERSON, PERSON_FRAMES, PROGRAMS, RECORDINGS, STANDARD,
     STANDARD_FRAMES, TRUTH_FILE, VGA,

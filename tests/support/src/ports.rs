@@ -4,6 +4,7 @@
 //! that is free again until then, can go to any other socket in the meantime: each that wants no
 //! port in particular is given one. These lie below the kernel's, and a process gives each away once.
 
+use std::fs;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, UdpSocket};
 use std::sync::atomic::{AtomicU16, Ordering};
 
@@ -54,9 +55,35 @@ pub fn free_ports(count: u16) -> u16 {
     panic!("no {count} ports in a row are free from {FIRST} on");
 }
 
+/// Whether a program of this computer listens at this port for UDP, by Linux's list of sockets. To try the
+/// port instead would take it for a moment, and perhaps from the program that is waited for.
+///
+/// # Panics
+/// Where there is no such list.
+pub fn listens_at(port: u16) -> bool {
+    let sockets = fs::read_to_string("/proc/net/udp").expect("Linux's list of sockets");
+    let ending = format!(":{port:04X}");
+    let mut own = sockets.lines().skip(1).filter_map(|line| line.split_whitespace().nth(1));
+    own.any(|address| address.ends_with(&ending))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_socket_is_seen_at_its_port_and_the_port_stays_free_until_then() {
+        let port = free_port();
+        assert!(!listens_at(port));
+        let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, port)).unwrap();
+        assert!(listens_at(port));
+        // What it has sent to somebody else is no sign of anybody there.
+        let other = free_port();
+        socket.connect((Ipv4Addr::LOCALHOST, other)).unwrap();
+        assert!(!listens_at(other));
+        drop(socket);
+        assert!(!listens_at(port));
+    }
 
     #[test]
     fn no_port_is_given_twice_or_is_one_of_the_kernels() {

@@ -49,7 +49,7 @@ def main(chromium, page_file, folder, *widths):
     address, folder = Path(page_file).resolve().as_uri(), Path(folder)
     layouts, console = [], []
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
+        browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS, timeout=PATIENCE_MS)
         for width in widths:
             page = browser.new_page()
             page.set_default_timeout(PATIENCE_MS)

@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use plumbline_test_support::free_port;
+use plumbline_test_support::{free_port, listens_at};
 use serde_json::Value;
 
 use crate::{DIST, WINE};
@@ -172,8 +172,7 @@ const TRIALS: [(&str, &str); 6] = [
 #[track_caller]
 fn wait_until_heard(port: u16) {
     let started = Instant::now();
-    let own = format!(":{port:04X} ");
-    while !fs::read_to_string("/proc/net/udp").unwrap().contains(&own) {
+    while !listens_at(port) {
         assert!(started.elapsed() < WITHIN, "nobody listens at {port}");
         thread::sleep(Duration::from_millis(50));
     }
