@@ -51,6 +51,8 @@ impl Packages {
         Task::new("python3").args(["-m", "venv", "--clear"]).args([&place]).run()?;
         Task::new(self.program())
             .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"])
+            // Most of what is installed is never imported; what is, Python compiles then.
+            .args(["--no-compile"])
             // Spark, whose programs are Java's, is published without a wheel.
             .args(["--only-binary", ":all:", "--no-binary", "pyspark"])
             .args(["--requirement", self.requirements])
