@@ -55,13 +55,14 @@ pub fn free_ports(count: u16) -> u16 {
     panic!("no {count} ports in a row are free from {FIRST} on");
 }
 
-/// Whether a program of this computer listens at this port for UDP, by Linux's list of sockets. To try the
-/// port instead would take it for a moment, and perhaps from the program that is waited for.
+/// Whether somebody in this thread's network listens at this port for UDP, by Linux's list of sockets. To
+/// try the port instead would take it for a moment, and perhaps from the program that is waited for.
 ///
 /// # Panics
 /// Where there is no such list.
 pub fn listens_at(port: u16) -> bool {
-    let sockets = fs::read_to_string("/proc/net/udp").expect("Linux's list of sockets");
+    // A thread may have a network of its own.
+    let sockets = fs::read_to_string("/proc/thread-self/net/udp").expect("Linux's list of sockets");
     let ending = format!(":{port:04X}");
     let mut own = sockets.lines().skip(1).filter_map(|line| line.split_whitespace().nth(1));
     own.any(|address| address.ends_with(&ending))
