@@ -68,8 +68,8 @@ impl Mark {
     /// A mark whose label is made from whatever a person or a device has sent.
     #[must_use]
     pub fn new(source: Source, label: &str) -> Self {
-        let label: String = printable(label).trim().chars().take(LABEL_LETTERS_MAX).collect();
-        let label = if label.is_empty() { UNNAMED.to_owned() } else { label };
+        let cut: String = printable(label).trim().chars().take(LABEL_LETTERS_MAX).collect();
+        let label = if cut.is_empty() { UNNAMED } else { cut.trim_end() }.to_owned();
         Self { source, sender: None, label, uncertain_us: 0 }
     }
 
@@ -201,6 +201,9 @@ mod tests {
         assert_eq!(label("\n \t"), "mark");
         assert_eq!(label("\u{1b}[2J\u{202e}up\u{200b}\n"), "?[2J?up?");
         assert_eq!(label(&"x".repeat(200)).len(), LABEL_LETTERS_MAX);
+        // The space at which it is cut is no part of it: the journal's text would be read without it.
+        let cut = "x".repeat(LABEL_LETTERS_MAX - 1);
+        assert_eq!(label(&format!("{cut} and more")), cut);
         for source in Source::ALL {
             let mark = Mark::new(source, "eyes closed: now");
             assert_eq!(Mark::read(&mark.text()), Some(mark.clone()));
