@@ -60,8 +60,8 @@ fn a_camera_is_tracked_over_both_links_as_well_as_here() {
 
     // Nothing is in clear but who the box is, and nothing is lost, damaged or strange.
     for (way, packets) in ["UDP", "serial"].into_iter().zip(packets) {
-        // Until the box has made its line raw, that says back what it hears: a fragment, which nothing
-        // but the first frame can be.
+        // Until the box has made its line raw, the line says back what it hears. That is a fragment,
+        // which only the first frame can be.
         let faults = packets.damaged.iter().filter(|&&it| it != PacketError::Fragment);
         assert_eq!((faults.collect::<Vec<_>>(), packets.not_authentic), (vec![], 0), "{way}");
         assert!(!packets.show(&config.device) && !packets.show(FROM_DHCP), "{way} is in clear");

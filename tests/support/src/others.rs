@@ -19,7 +19,7 @@ pub fn python() -> Option<PathBuf> {
 
 /// The browser. `None`, with the test recorded as skipped, where there is none.
 pub fn chromium() -> Option<PathBuf> {
-    let paths = env::var_os("PATH")?;
+    let paths = env::var_os("PATH").unwrap_or_default();
     let mut programs = env::split_paths(&paths).map(|it| it.join("chromium"));
     let found = programs.find(|it| it.is_file());
     if found.is_none() {

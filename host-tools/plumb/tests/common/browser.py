@@ -36,34 +36,42 @@ LAYOUT = """() => {
 }"""
 
 
-def layout(page, address, width):
-    """The page as it is, loaded in a window of that width."""
-    asked = []
+def opened(browser, address, size_px, asked, console):
+    """The page in a window of this size; notes what it asks for and says."""
+    page = browser.new_page(viewport=size_px)
+    page.set_default_timeout(PATIENCE_MS)
     page.on("request", lambda it: asked.append(it.url))
-    page.set_viewport_size({"width": width, "height": 900})
+    page.on("console", lambda it: console.append(it.text))
+    page.on("pageerror", lambda it: console.append(str(it)))
     page.goto(address)
+    return page
+
+
+def layout(browser, address, width, console):
+    """The page as it is in a window of that width."""
+    asked = []
+    page = opened(browser, address, {"width": width, "height": 900}, asked, console)
     return page.evaluate(LAYOUT) | {"requests": [it for it in asked if it != address]}
 
 
+def pictures(browser, address, folder):
+    """The page by day, by night and on paper."""
+    page = opened(browser, address, SCREEN_PX, [], [])
+    # Paper is white, whatever its reader prefers on a screen: so dark comes last.
+    for scheme in ["light", "dark"]:
+        page.emulate_media(color_scheme=scheme)
+        page.screenshot(path=folder / f"{scheme}.png")
+    # The margins of the browser's own dialogue.
+    margin = dict.fromkeys(["top", "right", "bottom", "left"], "0.4in")
+    page.pdf(path=folder / "page.pdf", print_background=True, prefer_css_page_size=True, margin=margin)
+
+
 def main(chromium, page_file, folder, *widths):
-    address, folder = Path(page_file).resolve().as_uri(), Path(folder)
-    layouts, console = [], []
+    address, console = Path(page_file).resolve().as_uri(), []
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS, timeout=PATIENCE_MS)
-        for width in widths:
-            page = browser.new_page()
-            page.set_default_timeout(PATIENCE_MS)
-            page.on("console", lambda it: console.append(it.text))
-            page.on("pageerror", lambda it: console.append(str(it)))
-            layouts.append(layout(page, address, int(width)))
-        page.set_viewport_size(SCREEN_PX)
-        # Paper is white, whatever its reader prefers on a screen: so dark comes last.
-        for scheme in ["light", "dark"]:
-            page.emulate_media(color_scheme=scheme)
-            page.screenshot(path=folder / f"{scheme}.png")
-        # As the browser's own dialogue prints it.
-        margin = dict.fromkeys(["top", "right", "bottom", "left"], "0.4in")
-        page.pdf(path=folder / "page.pdf", print_background=True, prefer_css_page_size=True, margin=margin)
+        layouts = [layout(browser, address, int(width), console) for width in widths]
+        pictures(browser, address, Path(folder))
         browser.close()
     print(json.dumps({"layouts": layouts, "console": console}))
 

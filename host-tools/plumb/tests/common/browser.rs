@@ -43,8 +43,8 @@ pub struct Browser {
 }
 
 impl Browser {
-    /// `None`, with the test recorded as skipped, where one of both is not there, or the page is made on
-    /// another processor: it is the same on every one.
+    /// `None`, with the test recorded as skipped, where one of them is missing, or where the page is made
+    /// on another processor: pages are the same on every processor.
     pub fn new() -> Option<Self> {
         if is_emulated() {
             skip(Absent::Emulator, "the pages are the same on every processor");
