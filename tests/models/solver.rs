@@ -9,9 +9,9 @@
 
 use std::fmt::Debug;
 
-use nalgebra::{Matrix2, Matrix2x6, Matrix3, Matrix6, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix2, Matrix3, Matrix6, Vector2, Vector3, Vector6};
 use plumbline::lens::{Distortion, Lens};
-use plumbline::parts::{SeenCorner, Solution, solve};
+use plumbline::parts::{Observations as _, SeenCorner, Solution, solve};
 use plumbline::pose::{Cam, Pose, Scene, Target, rotation_from_vector};
 use plumbline::scene::SceneFrame;
 use proptest::prelude::*;
@@ -23,8 +23,8 @@ use crate::laws::Tries;
 /// The largest relative error of one rounding.
 const ROUNDING: f64 = f64::EPSILON / 2.0;
 
-/// More than any of these needs: each stops by itself. One in half a million of those with four wrong
-/// corners needs 45, most of which are refused until wrong corners are told from right ones.
+/// More than they need to stop by themselves. A view with four wrong corners was seen to need 45, most of
+/// which the solver refused before it told them from the right ones.
 const STEPS: usize = 200;
 
 /// The solver takes no step that is shorter than this, in standard deviations of the pose that the
@@ -134,62 +134,36 @@ fn rounding_sd(view: &View, solution: &Solution) -> f64 {
     2.0 * ROUNDING * (by_residuals + by_steps)
 }
 
-/// By how much they differ at most where the steps are others: each stops short of the end by less than
-/// a last step, divided by the curvature of its sum of squares in the direction that is left, which is known
-/// to the share by which it changes over that step.
+/// By how much they differ at most where the steps are others, in standard deviations.
+///
+/// Each solver stops before a step that is too short. The way that is left is longer than that step where
+/// the sum of squares curves less than the normal equations say; over so short a way the curvature stays
+/// the same to within a hundredth. Small noise leaves the least covariance that the solver states.
 fn stopping_sd(view: &View, solution: &Solution) -> f64 {
-    let left_sd = 1.01 * LAST_STEP_SD / MISFIT_MIN.sqrt() / least_curvature(view, solution);
-    2.0 * left_sd
+    let left_sd = LAST_STEP_SD * MISFIT_MIN.sqrt() / least_curvature(view, solution);
+    2.0 * 1.01 * left_sd
 }
 
-/// The least curvature of the sum of squares, over what the normal equations say that it is: 1 where the
-/// projection is as good as linear over a standard deviation, and about a half where a target faces the
-/// camera and its tilt shows in nothing but perspective. Gauss and Newton's method leaves
-/// the rest of the way to the next step.
+/// Half the least second derivative of the sum of squares, over the way in standard deviations of the
+/// solution. It is [`MISFIT_MIN`] where the projection is as good as linear over a standard deviation, and
+/// half of that where a target faces the camera, so that its tilt shows in the perspective alone.
 fn least_curvature(view: &View, solution: &Solution) -> f64 {
-    // Of the covariance that the observations promise, with neither more nor less by their residuals.
-    let normal = normal_equations(view, &solution.cam_from_target);
-    let whitening = normal.cholesky().expect("a covariance").inverse().cholesky().expect("one").l();
-    // Short enough that the fourth derivative does not show, and long enough that rounding does not.
-    let step_sd = 0.02;
-    let cost = |way_sd: Vector6<f64>| {
-        cost(view, &solution.cam_from_target.moved_by(&(whitening * way_sd * step_sd)))
+    // Short enough for the second derivative to be all that shows, and long enough for rounding not to.
+    const WAY_SD: f64 = 0.02;
+    let whitening = solution.covariance.cholesky().expect("a covariance").l();
+    let cost = |way: Vector6<f64>| {
+        let pose = solution.cam_from_target.moved_by(&(whitening * way * WAY_SD));
+        let mut sum = 0.0;
+        let seen = view.corners[..].residuals(&pose, |_, [x, y]| sum += x * x + y * y);
+        seen.expect("before the camera");
+        sum
     };
-    let axis = |place: usize| Vector6::ith(place, 1.0);
     let curvature = Matrix6::from_fn(|row, column| {
-        let (one, other) = (axis(row), axis(column));
-        let differences =
-            cost(one + other) - cost(one - other) - cost(other - one) + cost(-one - other);
-        differences / (4.0 * step_sd * step_sd) / 2.0
+        let (one, other) = (Vector6::ith(row, 1.0), Vector6::ith(column, 1.0));
+        let sums = cost(one + other) - cost(one - other) - cost(other - one) + cost(-one - other);
+        sums / (8.0 * WAY_SD * WAY_SD)
     });
     curvature.symmetric_eigenvalues().min()
-}
-
-/// Residuals of a corner, in standard deviations.
-fn residual(corner: &SeenCorner, pose: &Pose<Cam, Target>) -> Vector2<f64> {
-    let point = pose.transform(&corner.point_target_mm);
-    corner.raw_by_ray * (point.xy() / point.z - corner.ray) / corner.sigma_px
-}
-
-/// The sum of squares, of corners that all are right.
-fn cost(view: &View, pose: &Pose<Cam, Target>) -> f64 {
-    view.corners.iter().map(|corner| residual(corner, pose).norm_squared()).sum()
-}
-
-/// The sum of squared gradients, by central differences.
-fn normal_equations(view: &View, pose: &Pose<Cam, Target>) -> Matrix6<f64> {
-    let steps = [1e-6, 1e-6, 1e-6, 1e-3, 1e-3, 1e-3];
-    let moved = |axis: usize, by: f64| pose.moved_by(&(Vector6::ith(axis, 1.0) * steps[axis] * by));
-    let poses: [_; 6] = std::array::from_fn(|axis| (moved(axis, 1.0), moved(axis, -1.0)));
-    let mut sum = Matrix6::zeros();
-    for corner in &view.corners {
-        let gradient = Matrix2x6::from_columns(&std::array::from_fn::<_, 6, _>(|axis| {
-            let (after, before) = &poses[axis];
-            (residual(corner, after) - residual(corner, before)) / (2.0 * steps[axis])
-        }));
-        sum += gradient.tr_mul(&gradient);
-    }
-    sum
 }
 
 /// The same scene, turned about the optical axis.

@@ -143,18 +143,23 @@ impl What {
         }
     }
 
-    /// The row that says that it has failed, where its other rows would not.
+    /// The row that says that it has failed, where its other rows would not. Why is said by the run: its
+    /// error names directories of this computer.
     fn failure(&self) -> Option<Row> {
         match self {
             // Its rows say how many failures were found; without one nothing was tried.
             Self::Fuzz(_) => None,
-            Self::Endurance(_) | Self::Mutants(_) => Some(Row::new(
-                &format!("cargo xtask {}", self.words().join(" ")),
-                "",
-                // Why is said by the run: its error names directories of this computer.
-                "**failed**",
-            )),
+            Self::Endurance(_) | Self::Mutants(_) => {
+                Some(Row::new(&format!("cargo xtask {}", self.words().join(" ")), "", "**failed**"))
+            }
         }
+    }
+
+    /// Its rows of earlier runs, but for the one that says that it failed: now it runs again.
+    fn without_failure(&self, mut old: Vec<Row>) -> Vec<Row> {
+        let failure = self.failure();
+        old.retain(|row| failure.as_ref().is_none_or(|failure| failure.tried() != row.tried()));
+        old
     }
 }
 
@@ -185,7 +190,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let part = Part { document: PAGE, name: what.part() };
             let is_complete = what.is_whole() && done.is_ok() && !is_interrupted;
             let old = if is_complete { Vec::new() } else { read(&part.read()?) };
-            part.write(&written(&merged(old, rows)))?;
+            part.write(&written(&merged(what.without_failure(old), rows)))?;
         } else {
             ensure!(done.is_err(), "`cargo xtask {words}` has tried nothing");
         }
@@ -313,6 +318,17 @@ mod tests {
         let merged = merged(old, new.into());
         let days: Vec<_> = merged.iter().map(|row| (row.tried(), &*row.0[3])).collect();
         assert_eq!(days, [("a", "1"), ("b", "9"), ("c", "3"), ("d", "9")]);
+    }
+
+    #[test]
+    fn a_failure_is_on_the_page_until_the_same_is_tried_again() {
+        let models = What::Endurance(Endurance { ordeals: vec![Ordeal::Models] });
+        let failed = "cargo xtask test endurance --only=models";
+        assert_eq!(models.failure(), Some(Row::new(failed, "", "**failed**")));
+        let old = ["a", failed].map(|tried| found(tried, "", "1")).to_vec();
+        assert_eq!(models.without_failure(old.clone()), old[..1]);
+        let card = What::Endurance(Endurance { ordeals: vec![Ordeal::Card] });
+        assert_eq!(card.without_failure(old.clone()), old);
     }
 
     #[derive(clap::Parser)]
