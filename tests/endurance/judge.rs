@@ -1,13 +1,18 @@
 //! Holds what the box says against what its camera saw.
 
-use plumbline::packet::{CameraState, Health, Message, PosePacket};
+use plumbline::packet::{CameraState, Health, MeasuredPose, Message, PosePacket};
+use plumbline::pose::{Cam, Pose, Target};
 
 use crate::script::Script;
-use crate::show::{Position, RATE_HZ};
+use crate::show::RATE_HZ;
 
-/// How far a pose may be from the truth. The noise of this camera, in the dimmest light, reaches half of
-/// it once in millions; a pose of something else, or of the wrong corners, is off by a centimetre.
+/// How far a position may be from the truth. The noise of this camera, in the dimmest light, reaches half
+/// of it once in millions; a pose of something else, or of the wrong corners, is off by a centimetre.
 const ERROR_MM_MAX: f64 = 1.0;
+
+/// How far each of a pose's six numbers may be from the truth, in the standard deviations that came with
+/// it. Chance reaches this in one of 10,000 runs with the twelve million numbers of a million frames.
+const DEVIATIONS_MAX: f64 = 6.8;
 
 /// Whose clock the capture times are of.
 #[derive(Debug, Clone, Copy)]
@@ -22,13 +27,15 @@ pub enum Clock {
 pub struct Judge<'a> {
     pub script: Script,
     clock: Clock,
-    truth_mm: &'a [Vec<Position>; 2],
+    truth: &'a [Vec<Pose<Cam, Target>>; 2],
     /// Frames.
     pub seen: u64,
     /// Poses of targets.
     pub measured: u64,
     /// The largest distance of one from the truth.
     pub worst_mm: f64,
+    /// The largest error of one of their numbers, in its own standard deviations.
+    pub worst_deviations: f64,
     /// Frames without a pose of a target that was there, soon after something had happened.
     pub searched: u64,
     /// Frames in which nobody was there.
@@ -40,14 +47,15 @@ pub struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    pub fn new(script: Script, clock: Clock, truth_mm: &'a [Vec<Position>; 2]) -> Self {
+    pub fn new(script: Script, clock: Clock, truth: &'a [Vec<Pose<Cam, Target>>; 2]) -> Self {
         Self {
             script,
             clock,
-            truth_mm,
+            truth,
             seen: 0,
             measured: 0,
             worst_mm: 0.0,
+            worst_deviations: 0.0,
             searched: 0,
             empty: 0,
             healths: 0,
@@ -79,14 +87,16 @@ impl<'a> Judge<'a> {
         assert!(off_ns <= 1, "frame {frame}: at {}, not {time_ns}", pose.capture_time_ns);
         self.seen += 1;
         self.empty += u64::from(step.person.is_none());
-        for (target, truth_mm) in pose.targets.iter().zip(self.truth_mm) {
+        for (target, truth) in pose.targets.iter().zip(self.truth) {
             match (target.pose, step.person) {
                 (Ok(found), Some(person)) => {
-                    let found = found.translation_mm.map(f64::from);
-                    let squares = found.iter().zip(truth_mm[person]).map(|(a, b)| (a - b).powi(2));
-                    let error_mm = squares.sum::<f64>().sqrt();
-                    assert!(error_mm < ERROR_MM_MAX, "frame {frame}: {error_mm} mm off: {step:?}");
+                    let [error_mm, deviations] = errors(&found, &truth[person]);
+                    assert!(
+                        error_mm < ERROR_MM_MAX && deviations < DEVIATIONS_MAX,
+                        "frame {frame}: {error_mm} mm, {deviations} deviations off: {found:?}, {step:?}"
+                    );
                     self.worst_mm = self.worst_mm.max(error_mm);
+                    self.worst_deviations = self.worst_deviations.max(deviations);
                     self.measured += 1;
                 }
                 (Ok(found), None) => panic!("frame {frame}: nobody is there: {found:?}, {step:?}"),
@@ -110,4 +120,16 @@ impl<'a> Judge<'a> {
         self.healths += 1;
         self.health = Some(health);
     }
+}
+
+/// The error of a pose's position in mm, and the largest of its six numbers' in the standard deviations
+/// that came with them.
+fn errors(found: &MeasuredPose, truth: &Pose<Cam, Target>) -> [f64; 2] {
+    let mut theta = [0.0; 6];
+    let numbers = found.theta_rad.into_iter().chain(found.translation_mm);
+    theta.iter_mut().zip(numbers).for_each(|(to, number)| *to = number.into());
+    let error = truth.increment_to(&Pose::from_theta(theta));
+    let sds = found.sd_rad.into_iter().chain(found.sd_mm);
+    let deviations = error.iter().zip(sds).map(|(error, sd)| (error / f64::from(sd)).abs());
+    [error.fixed_rows::<3>(3).norm(), deviations.fold(0.0, f64::max)]
 }

@@ -226,7 +226,7 @@ fn lose(frames: u64, loss_every: u64, person: usize) -> (String, u64, Growth) {
         .spawn()
         .expect("the box starts");
     let script = Script::new(seed, scene.show.kinds, Some(loss_every));
-    let mut judge = Judge::new(script, Clock::Camera, &scene.truth_mm);
+    let mut judge = Judge::new(script, Clock::Camera, &scene.truth);
     let mut the_box = TheBox(child);
     let growth = watch(&mut the_box, &record, &mut judge, frames);
     let said = std::fs::read_to_string(said).expect("it has said something");

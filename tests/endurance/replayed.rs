@@ -90,7 +90,7 @@ fn replay(frames: u64, silences: u64, person: usize) -> (String, Growth) {
         .expect("the box starts");
     let box_in = child.stdin.take().expect("it is piped");
     let mut the_box = TheBox(child);
-    let mut judge = Judge::new(script.clone(), Clock::Recording, &scene.truth_mm);
+    let mut judge = Judge::new(script.clone(), Clock::Recording, &scene.truth);
     let growth = std::thread::scope(|scope| {
         let steps = script.take(frames as usize);
         let silent_every = frames / silences;
@@ -114,12 +114,13 @@ fn replay(frames: u64, silences: u64, person: usize) -> (String, Growth) {
 
 /// What was seen, for people.
 pub fn sums(judge: &Judge) -> String {
-    let Judge { measured, worst_mm, searched, empty, healths, stalls, .. } = judge;
+    let Judge { measured, worst_mm, worst_deviations, searched, empty, healths, stalls, .. } =
+        judge;
     let happened = |what| judge.script.happened(what);
     format!(
         "{} lens caps, {} strangers, {} dropouts ({} frames), {} changes of light, {stalls} silences: \
-         {measured} poses, at most {worst_mm:.2} mm off, {searched} searches, none invented in {empty} \
-         frames of nobody; heap 0 in {healths} Healths",
+         {measured} poses, at most {worst_mm:.2} mm and {worst_deviations:.1} of their own standard \
+         deviations off, {searched} searches, none invented in {empty} frames of nobody; heap 0 in {healths} Healths",
         happened(Happening::LensCap),
         happened(Happening::Stranger),
         happened(Happening::Dropout),

@@ -4,6 +4,7 @@ use std::io::Read as _;
 use std::path::Path;
 
 use plumbline::config::{Capture, CaptureDriver, Config, PixelFormat};
+use plumbline::pose::{Cam, Pose, Target};
 use plumbline::target::{Origin, Role, TargetGeometry};
 use plumbline_render::simulate::layout::LensChoice;
 use plumbline_render::simulate::photographs::BoardPhotographs;
@@ -24,9 +25,6 @@ const STRANGE_BOARDS: [(u8, u8); 3] = [(8, 7), (7, 6), (4, 3)];
 
 /// Frames of each of them.
 const HELD: usize = 8;
-
-/// A position, x, y, z in mm.
-pub type Position = [f64; 3];
 
 /// The numbers of the pictures of each kind; they lie in this order.
 #[derive(Debug, Clone, Copy)]
@@ -69,7 +67,7 @@ impl Show {
 pub struct Scene {
     pub show: Show,
     /// Per target and frame of the person.
-    pub truth_mm: [Vec<Position>; 2],
+    pub truth: [Vec<Pose<Cam, Target>>; 2],
     pub config: Config,
 }
 
@@ -108,9 +106,9 @@ impl Scene {
                 pictures.push(pixels);
             }
         }
-        let truth_mm = [0, 1].map(|target| {
+        let truth = [0, 1].map(|target| {
             let truths = (0..person as u64).map(|frame| simulation.truth(frame));
-            truths.map(|it| it.targets[target].cam_from_target.translation_mm.into()).collect()
+            truths.map(|it| it.targets[target].cam_from_target).collect()
         });
         let mut config = simulation.config();
         config.device = "endurance".try_into().expect("a short name");
@@ -123,6 +121,6 @@ impl Scene {
             gain: None,
         });
         let kinds = Kinds { person, dark: DARK, strange: STRANGE_BOARDS.len() * HELD };
-        Self { show: Show { kinds, pictures }, truth_mm, config }
+        Self { show: Show { kinds, pictures }, truth, config }
     }
 }
