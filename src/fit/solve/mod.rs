@@ -13,9 +13,8 @@
 //! beyond 5, so that a wrong observation has no influence at all, and correct ones almost always
 //! have their full weight (which keeps the covariance honest). The scale comes from the residuals'
 //! median, or is what the observations promise where that is more; it is computed again after every
-//! long step, so that a distant start, which makes all residuals large, rejects nothing. It never grows,
-//! and near the end it stays: a scale that followed every step would change the cost with it, and steps
-//! could go to and fro for ever. Fewer than half of the observations may be wrong.
+//! accepted step, so that a distant start, which makes all residuals large, rejects nothing. Fewer
+//! than half of the observations may be wrong.
 //!
 //! *Covariance* is the inverse of the weighted normal equations, times a factor where the observed
 //! variance of the residuals differs from the predicted one by more than chance explains. A larger
@@ -281,12 +280,13 @@ impl Descent {
         let mut next_squares = Squares::new();
         let mut damping = DAMPING_START;
         let mut has_stepped = false;
-        let mut variance = squares.robust_variance();
         for _ in 0..iterations {
             if has_stepped {
                 *normal = None;
                 has_stepped = false;
             }
+            // The same scale is used before and after a step; the next step has its own.
+            let variance = squares.robust_variance();
             // A rejected step changes only the damping.
             let current =
                 normal.get_or_insert_with(|| NormalEquations::new(pose, observations, variance));
@@ -307,7 +307,6 @@ impl Descent {
                 has_stepped = true;
                 if step_square >= SHORT_STEP_SQUARE {
                     *normal = None;
-                    variance = squares.robust_variance().min(variance);
                 }
                 damping = (damping / DAMPING_FACTOR).max(DAMPING_MIN);
             } else {
