@@ -1,6 +1,6 @@
 //! Holds what the box says against what its camera saw.
 
-use plumbline::packet::{CameraState, Health, MeasuredPose, Message, PosePacket};
+use plumbline::packet::{CameraState, Health, Message, PosePacket};
 use plumbline::pose::{Cam, Pose, Target};
 
 use crate::script::Script;
@@ -11,7 +11,7 @@ use crate::show::RATE_HZ;
 const ERROR_MM_MAX: f64 = 1.0;
 
 /// How far each of a pose's six numbers may be from the truth, in the standard deviations that came with
-/// it. Chance reaches this in one of 10,000 runs with the twelve million numbers of a million frames.
+/// it. Chance reaches this in one of 8,000 runs with the twelve million numbers of a million frames.
 const DEVIATIONS_MAX: f64 = 6.8;
 
 /// Whose clock the capture times are of.
@@ -90,13 +90,19 @@ impl<'a> Judge<'a> {
         for (target, truth) in pose.targets.iter().zip(self.truth) {
             match (target.pose, step.person) {
                 (Ok(found), Some(person)) => {
-                    let [error_mm, deviations] = errors(&found, &truth[person]);
+                    let error = truth[person].increment_to(&found.cam_from_target());
+                    let error_mm = error.fixed_rows::<3>(3).norm();
+                    let sd = found.covariance().diagonal().map(f64::sqrt);
+                    let deviations = error.component_div(&sd).abs();
+                    // A NaN is not within a bound.
+                    let is_right =
+                        error_mm < ERROR_MM_MAX && deviations.iter().all(|&it| it < DEVIATIONS_MAX);
                     assert!(
-                        error_mm < ERROR_MM_MAX && deviations < DEVIATIONS_MAX,
-                        "frame {frame}: {error_mm} mm, {deviations} deviations off: {found:?}, {step:?}"
+                        is_right,
+                        "frame {frame}: {error_mm} mm, {deviations:?} deviations off: {found:?}, {step:?}"
                     );
                     self.worst_mm = self.worst_mm.max(error_mm);
-                    self.worst_deviations = self.worst_deviations.max(deviations);
+                    self.worst_deviations = self.worst_deviations.max(deviations.max());
                     self.measured += 1;
                 }
                 (Ok(found), None) => panic!("frame {frame}: nobody is there: {found:?}, {step:?}"),
@@ -120,16 +126,4 @@ impl<'a> Judge<'a> {
         self.healths += 1;
         self.health = Some(health);
     }
-}
-
-/// The error of a pose's position in mm, and the largest of its six numbers' in the standard deviations
-/// that came with them.
-fn errors(found: &MeasuredPose, truth: &Pose<Cam, Target>) -> [f64; 2] {
-    let mut theta = [0.0; 6];
-    let numbers = found.theta_rad.into_iter().chain(found.translation_mm);
-    theta.iter_mut().zip(numbers).for_each(|(to, number)| *to = number.into());
-    let error = truth.increment_to(&Pose::from_theta(theta));
-    let sds = found.sd_rad.into_iter().chain(found.sd_mm);
-    let deviations = error.iter().zip(sds).map(|(error, sd)| (error / f64::from(sd)).abs());
-    [error.fixed_rows::<3>(3).norm(), deviations.fold(0.0, f64::max)]
 }

@@ -120,7 +120,8 @@ pub fn sums(judge: &Judge) -> String {
     format!(
         "{} lens caps, {} strangers, {} dropouts ({} frames), {} changes of light, {stalls} silences: \
          {measured} poses, at most {worst_mm:.2} mm and {worst_deviations:.1} of their own standard \
-         deviations off, {searched} searches, none invented in {empty} frames of nobody; heap 0 in {healths} Healths",
+         deviations off, {searched} searches, none invented in {empty} frames of nobody; heap 0 in \
+         {healths} Healths",
         happened(Happening::LensCap),
         happened(Happening::Stranger),
         happened(Happening::Dropout),
