@@ -188,6 +188,6 @@ impl<P> View<'_, P> {
 pub enum MeasureFailure {
     /// Fewer corners visible than a pose needs.
     TooFewCorners,
-    /// The corners do not fit the target's geometry.
+    /// What was seen does not fit the target's geometry, or the fit did not settle on a pose.
     PoorFit,
 }

@@ -9,7 +9,8 @@
 //!
 //! A body sways so evenly that the edges are where they are expected to a tenth of a pixel in
 //! nearly every frame: one pass of the fit is enough. Where they are not, they are located first,
-//! which makes the start good to a few hundredths.
+//! which makes the start good to a few hundredths. A pose that the last pass still moved too far is
+//! none.
 
 mod corners;
 mod margin;

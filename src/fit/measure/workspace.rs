@@ -23,10 +23,27 @@ use crate::model::pose::{Cam, Pose, Target};
 struct Pass {
     solution: Solution,
     appearance: Appearance,
-    /// Whether the start was so near that another pass would change nothing.
-    is_settled: bool,
+    /// How far the node that it moved farthest was from its place.
+    moved_px: f64,
+    /// The larger relative change of a blur.
+    blur_change: f64,
+}
+
+impl Pass {
     /// Whether the start was near enough for another pass to settle it.
-    is_near: bool,
+    fn is_near(&self) -> bool {
+        self.moved_px < NEAR_PX_MAX
+    }
+
+    /// Whether the start was so near that its linear model holds.
+    fn is_linear(&self) -> bool {
+        self.moved_px < MOVED_PX_MAX
+    }
+
+    /// Whether another pass would change nothing.
+    fn is_settled(&self) -> bool {
+        self.is_linear() && self.blur_change < BLUR_CHANGE_MAX
+    }
 }
 
 /// The buffers of a measurement; nothing in them outlives it.
@@ -63,8 +80,9 @@ const LOCATED_EDGES: usize = 120;
 /// mirror image.
 const ITERATIONS_FITTED: usize = 2;
 
-/// Most passes of the fit. One is enough when the start is good.
-const PASSES_MAX: usize = 3;
+/// Most passes of the fit. One is enough when the start is good; from a search's start in a photograph,
+/// with a blur that has to be found as well, four have been needed.
+const PASSES_MAX: usize = 5;
 
 /// The fit is repeated where a pass moves a node by more than this, because it is linear: what it
 /// neglects falls with the cube of the move, and is 0.001 px at this limit.
@@ -140,7 +158,7 @@ impl Workspace {
         appearance: Appearance,
     ) -> Result<Fitted, MeasureFailure> {
         if let Ok(pass) = self.pass(view, expected_cam_from_target, appearance, DOUBT_COST)
-            && pass.is_near
+            && pass.is_near()
             && let Ok(fitted) = self.settle(view, pass, &appearance, DOUBT_COST)
         {
             return Ok(fitted);
@@ -235,11 +253,15 @@ impl Workspace {
         doubt: f64,
     ) -> Result<Fitted, MeasureFailure> {
         for _ in 1..PASSES_MAX {
-            if pass.is_settled {
+            if pass.is_settled() {
                 break;
             }
             let start = pass.solution.cam_from_target;
             pass = self.pass(view, &start, pass.appearance.with_growth_of(before), doubt)?;
+        }
+        // A few edges can agree with each other on a pose that the next pass would leave again.
+        if !pass.is_linear() {
+            return Err(MeasureFailure::PoorFit);
         }
         let mut fitted = self.judge(view, &pass)?;
         self.allow_for_unknown_velocity(view, &pass.solution, &mut fitted.measurement)?;
@@ -283,7 +305,7 @@ impl Workspace {
         &mut self,
         view: &View<'_, P>,
         start_cam_from_target: &Pose<Cam, Target>,
-        mut appearance: Appearance,
+        appearance: Appearance,
         doubt: f64,
     ) -> Result<Pass, MeasureFailure> {
         self.fit_edges(view, start_cam_from_target, &appearance)?;
@@ -295,25 +317,18 @@ impl Workspace {
             solution = self.solved_from(&solution)?;
         }
         let moved_px = self.nodes.farthest_px(&solution.cam_from_target).unwrap_or(f64::INFINITY);
-        let is_close = moved_px < MOVED_PX_MAX;
-        let mut blur_change = 0.0;
+        let mut pass = Pass { solution, appearance, moved_px, blur_change: 0.0 };
         // An edge that lies beside where it was expected looks blurred; but better so than a guess.
-        if is_close || !appearance.has_settled() {
-            let growth_px = appearance.growth_px;
-            blur_change = self.correct(&mut appearance, &solution);
-            let grown_px = appearance.growth_px - growth_px;
+        if pass.is_linear() || !appearance.has_settled() {
+            pass.blur_change = self.correct(&mut pass.appearance, &pass.solution);
+            let grown_px = pass.appearance.growth_px - appearance.growth_px;
             if grown_px.abs() > GROWN_PX_MAX {
                 self.edges.iter_mut().for_each(|seen| seen.take_out_growth(grown_px));
-                solution = self.solved_from(&solution)?;
+                pass.solution = self.solved_from(&pass.solution)?;
             }
         }
-        self.inliers = solution.inliers;
-        Ok(Pass {
-            solution,
-            appearance,
-            is_settled: is_close && blur_change < BLUR_CHANGE_MAX,
-            is_near: moved_px < NEAR_PX_MAX,
-        })
+        self.inliers = pass.solution.inliers;
+        Ok(pass)
     }
 
     /// The pose that the edges give now, from one nearby.
