@@ -13,8 +13,9 @@
 //! beyond 5, so that a wrong observation has no influence at all, and correct ones almost always
 //! have their full weight (which keeps the covariance honest). The scale comes from the residuals'
 //! median, or is what the observations promise where that is more; it is computed again after every
-//! accepted step, so that a distant start, which makes all residuals large, rejects nothing. Fewer
-//! than half of the observations may be wrong.
+//! accepted step, so that a distant start, which makes all residuals large, rejects nothing. After
+//! some iterations it may only fall: the cost would otherwise change with the scale, and the steps
+//! could go to and fro for ever. Fewer than half of the observations may be wrong.
 //!
 //! *Covariance* is the inverse of the weighted normal equations, times a factor where the observed
 //! variance of the residuals differs from the predicted one by more than chance explains. A larger
@@ -59,6 +60,11 @@ const DAMPING_MAX: f64 = 1e6;
 /// determine the pose. Rounding leaves 1e-16 for a singular system; a 10 mm target at 10 m has
 /// 1e-7.
 const PIVOT_MIN: f64 = 1e-11;
+
+/// So many iterations use whatever scale follows from the residuals; in later ones it may only fall.
+/// A lower scale lowers the cost of every pose, so that every later step lowers it, and none leads
+/// back.
+const FREE_SCALE_ITERATIONS: usize = 10;
 
 /// Squared length, in standard deviations of the pose, below which a step is not taken: a
 /// ten-thousandth of one standard deviation.
@@ -280,13 +286,18 @@ impl Descent {
         let mut next_squares = Squares::new();
         let mut damping = DAMPING_START;
         let mut has_stepped = false;
-        for _ in 0..iterations {
+        let mut variance = f64::INFINITY;
+        for iteration in 0..iterations {
             if has_stepped {
                 *normal = None;
                 has_stepped = false;
             }
             // The same scale is used before and after a step; the next step has its own.
-            let variance = squares.robust_variance();
+            variance = if iteration < FREE_SCALE_ITERATIONS {
+                squares.robust_variance()
+            } else {
+                squares.robust_variance().min(variance)
+            };
             // A rejected step changes only the damping.
             let current =
                 normal.get_or_insert_with(|| NormalEquations::new(pose, observations, variance));
