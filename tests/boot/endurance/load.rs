@@ -56,6 +56,9 @@ fn latencies(frames: usize, options: &str) -> Latencies {
     });
     machine.look(|seen| {
         let poses: Vec<PosePacket> = whole(&seen.udp).into_iter().skip(STARTING).collect();
+        for pose in poses.iter().filter(|pose| u64::from(pose.latency_us) >= WORST_US_MAX) {
+            println!("frame {}: {} us", pose.sequence, pose.latency_us);
+        }
         let latencies: Vec<u64> = poses.iter().map(|pose| pose.latency_us.into()).collect();
         let later =
             healths(&seen.udp).filter(|it| it.frames as usize > STARTING + RATE_HZ as usize);

@@ -1,8 +1,10 @@
 //! vivid as a camera that sees what it is given: how its output device is
 //! looped into its capture device, and how frames are played into it.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io;
+use std::thread::sleep;
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 
@@ -17,6 +19,12 @@ pub const FRAME_BYTES: usize = WIDTH_PX as usize * HEIGHT_PX as usize;
 /// Two are with the driver, one being shown and one waiting. One is being filled. And one
 /// rests: the capture side may still be copying what the output side has just handed back.
 const BUFFERS: u32 = 4;
+
+/// Above the box's. A sensor exposes and sends without a processor; what stands for it here needs one.
+const PRIORITY: i32 = 80;
+
+/// From one look for vivid's threads to the next: they start with the streams.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// 1280 x 720 at 24 frames per second, as HDMI has it (CEA-861, code 60): the slowest rate
 /// of this size, so that an emulated machine keeps up.
@@ -43,6 +51,32 @@ fn grey(buffer_type: u32) -> Format {
         fourcc: u32::from_le_bytes(*b"GREY"),
         field: kernel::FIELD_NONE,
         rest: [0; 46],
+    }
+}
+
+/// Lets nothing that computes in this machine delay the calling thread, which plays the frames.
+///
+/// # Errors
+/// When the kernel refuses.
+pub fn keep_player_in_time() -> Result<()> {
+    kernel::prioritise(0, PRIORITY).context("the player's priority")
+}
+
+/// Lets nothing that computes in this machine delay vivid's threads, for ever.
+///
+/// # Errors
+/// When the kernel refuses.
+pub fn keep_vivid_in_time() -> Result<()> {
+    loop {
+        for process in fs::read_dir("/proc").context("/proc")?.flatten() {
+            // What is not a process, or has ended meanwhile, has no name.
+            let name = fs::read_to_string(process.path().join("comm")).unwrap_or_default();
+            let number = process.file_name().to_str().and_then(|name| name.parse().ok());
+            if let Some(number) = number.filter(|_| name.starts_with("vivid-")) {
+                kernel::prioritise(number, PRIORITY).with_context(|| name.trim().to_owned())?;
+            }
+        }
+        sleep(LOOK_EVERY);
     }
 }
 

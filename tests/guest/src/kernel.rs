@@ -1,8 +1,8 @@
 //! The kernel's calls for video devices (include/uapi/linux/videodev2.h), as far
 //! as they are used here: structures with the fields that matter, and safe
-//! functions around the calls; and a device's registers.
+//! functions around the calls; a device's registers; and a thread's priority.
 
-#![allow(unsafe_code)] // ioctl and mmap cannot be called otherwise; each use says why it is sound
+#![allow(unsafe_code)] // none of these calls can be made otherwise; each use says why it is sound
 
 use std::fs::File;
 use std::io;
@@ -158,6 +158,22 @@ safe! {
 pub fn stream_on(device: &File, buffer_type: u32) -> io::Result<()> {
     // SAFETY: the kernel reads one integer, which lives until the call is over.
     unsafe { calls::stream_on(device.as_raw_fd(), &(buffer_type as i32)) }?;
+    Ok(())
+}
+
+/// Lets a thread run as soon as it can, before all of lower priority; 0 is the caller's.
+///
+/// # Errors
+/// As the kernel reports them.
+pub fn prioritise(thread: i32, priority: i32) -> io::Result<()> {
+    // SAFETY: an all-zero sched_param is valid: it consists of integers.
+    let mut parameters: nix::libc::sched_param = unsafe { std::mem::zeroed() };
+    parameters.sched_priority = priority;
+    // SAFETY: the kernel reads the parameters, which live until the call is over.
+    let done = unsafe {
+        nix::libc::sched_setscheduler(thread, nix::libc::SCHED_FIFO, &raw const parameters)
+    };
+    nix::errno::Errno::result(done)?;
     Ok(())
 }
 

@@ -22,7 +22,8 @@
 //! as they are on the disk; `test.trigger` pulls at a GPIO line; `test.output` says what the box drives
 //! at another; `test.modem_line` pulls at modem lines before the box starts. `test.unplug=TIMES` pulls
 //! the plug of the USB camera and puts it back, and `test.set_clock` sets the computer's clock, both
-//! at random, by `test.seed=NUMBER`; `test.load=PROGRAMS` starts programs that never rest.
+//! at random, by `test.seed=NUMBER`; `test.load=PROGRAMS` starts programs that never rest, and lets
+//! none of them delay vivid.
 
 mod camera;
 mod disturbances;
@@ -68,6 +69,7 @@ fn main() {
         ["modem_line"] => modem_line::run(),
         ["set_clock"] => seed().and_then(disturbances::set_clock),
         ["burn"] => disturbances::burn(),
+        ["vivid"] => camera::keep_vivid_in_time(),
         _ => start(),
     };
     let Err(error) = done else { return };
@@ -101,7 +103,14 @@ fn start() -> Result<()> {
     if is_asked_for("test.set_clock")? {
         Command::new("/proc/self/exe").arg("set_clock").spawn().context("nobody sets the clock")?;
     }
-    for _ in 0..number("test.load=")?.unwrap_or(0) {
+    let load = number("test.load=")?;
+    if load.is_some() {
+        Command::new("/proc/self/exe")
+            .arg("vivid")
+            .spawn()
+            .context("nobody keeps vivid in time")?;
+    }
+    for _ in 0..load.unwrap_or(0) {
         Command::new("/proc/self/exe").arg("burn").spawn().context("no load")?;
     }
     let mut player = Command::new("/proc/self/exe");
@@ -139,6 +148,9 @@ fn feed() -> Result<()> {
     let count = frame_count(&mut frames)?;
     let mut disconnection = Disconnection::asked_for()?;
     let started = Instant::now();
+    if number("test.load=")?.is_some() {
+        camera::keep_player_in_time()?;
+    }
     let mut player = player()?;
     let obeys_gain = is_asked_for("test.gain")?;
     let mut levels = levels(100);
