@@ -1,5 +1,9 @@
-//! The box beside programs that never rest. They share its two processors with it and with the camera;
-//! its priority is all that keeps its time.
+//! The box beside programs that never rest, on one processor: its priority is all that keeps its time. The
+//! camera, which is threads and a program here, comes before them as well, since a sensor waits for no
+//! processor.
+//!
+//! One processor, because those of the emulator take turns of some milliseconds: what one of them wants
+//! from another that is never idle waits for so long, as it does on no board.
 
 use std::time::Instant;
 
@@ -8,9 +12,13 @@ use plumbline_test_support::{evidence, repetitions};
 
 use super::{median, ms, whole};
 use crate::machine::{Host, healths};
-use crate::scene::{self, RATE_HZ};
+use crate::scene;
 
-/// More than there are processors.
+/// Of the camera. The programs fill the rest of the time, whatever is emulated in it: the sooner the
+/// frames have come, the better.
+const RATE_HZ: f64 = 60.0;
+
+/// Programs that never rest.
 const PROGRAMS: usize = 3;
 
 /// Frames of the quiet box, to compare with.
@@ -22,10 +30,6 @@ const STARTING: usize = 100;
 /// The worst must be over before the next frame comes.
 const WORST_US_MAX: u64 = (1e6 / RATE_HZ) as u64;
 
-/// With the load, the median may be this many times that of the quiet box: with more on the processors
-/// than the box, interrupts and the kernel's own work wait for each other.
-const MEDIAN_RATIO_MAX: f64 = 1.5;
-
 /// From frame to packet.
 struct Latencies {
     frames: usize,
@@ -36,11 +40,15 @@ struct Latencies {
     skipped: u64,
 }
 
-fn latencies(frames: usize, options: &str) -> Latencies {
+fn latencies(frames: usize, programs: usize) -> Latencies {
     let host = Host::new();
     let directory = tempfile::tempdir().unwrap();
-    let disk = scene::boot_disk(directory.path(), &scene::blob(&scene::config(host.address())));
-    let machine = crate::boot_with_camera(&host, &disk, options);
+    let mut config = scene::config(host.address());
+    config.capture.as_mut().expect("it has a camera").rate_hz = RATE_HZ as f32;
+    config.machine.cpu = None;
+    let disk = scene::boot_disk(directory.path(), &scene::blob(&config));
+    let options = format!("maxcpus=1 test.fast test.load={programs}");
+    let machine = crate::boot_with_camera(&host, &disk, &options);
     let (all, began) = (frames + STARTING, Instant::now());
     // Each wait has an end.
     for enough in (0..=all).step_by(200).chain([all]) {
@@ -74,11 +82,14 @@ fn latencies(frames: usize, options: &str) -> Latencies {
     })
 }
 
+/// The worst is judged, the median only stated: where the player is late a frame is seen twice and the next
+/// one not at all, and a target that stands still and then goes twice as far costs the box a pass or two
+/// of the fit more than one that moves evenly.
 #[test]
-#[ignore = "takes hours: cargo xtask test endurance"]
+#[ignore = "takes most of an hour: cargo xtask test endurance"]
 fn the_latency_is_kept() {
-    let quiet = latencies(QUIET, "");
-    let loaded = latencies(repetitions(100_000), &format!("test.load={PROGRAMS}"));
+    let quiet = latencies(QUIET, 0);
+    let loaded = latencies(repetitions(100_000), PROGRAMS);
     let text = |it: &Latencies| {
         format!(
             "{} median, {} worst ({} by Health), {} frames skipped or missed",
@@ -90,13 +101,11 @@ fn the_latency_is_kept() {
     };
     evidence(
         &format!(
-            "frames from exposure to packet beside {PROGRAMS} programs that never rest, on two \
-             processors (booted box, the emulator's clock)"
+            "frames from exposure to packet, 60 a second, beside {PROGRAMS} programs that never rest, on \
+             one processor (booted box, the emulator's clock)"
         ),
         &format!("{} frames", loaded.frames),
         &format!("{}; without them, in {} frames: {}", text(&loaded), quiet.frames, text(&quiet)),
     );
     assert!(loaded.worst_us < WORST_US_MAX, "{} us", loaded.worst_us);
-    let ratio = loaded.median_us as f64 / quiet.median_us as f64;
-    assert!(ratio < MEDIAN_RATIO_MAX, "the median is {ratio} times that of the quiet box");
 }

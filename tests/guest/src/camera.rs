@@ -7,6 +7,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use nix::errno::Errno;
 
 use crate::kernel::{self, Buffer, BufferRequest, Control, ControlQuery, Format, Mapping, Timings};
 
@@ -20,23 +21,21 @@ pub const FRAME_BYTES: usize = WIDTH_PX as usize * HEIGHT_PX as usize;
 /// rests: the capture side may still be copying what the output side has just handed back.
 const BUFFERS: u32 = 4;
 
-/// Above the box's. A sensor exposes and sends without a processor; what stands for it here needs one.
-const PRIORITY: i32 = 80;
-
 /// From one look for vivid's threads to the next: they start with the streams.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
-/// 1280 x 720 at 24 frames per second, as HDMI has it (CEA-861, code 60): the slowest rate
-/// of this size, so that an emulated machine keeps up.
-fn timings() -> Timings {
+/// 1280 x 720 as HDMI has it (CEA-861): at 24 frames per second (code 60), the slowest rate of this size,
+/// so that an emulated machine keeps up, or at 60 (code 4).
+fn timings(is_fast: bool) -> Timings {
+    let (pixel_clock_hz, front_px) = if is_fast { (74_250_000, 110) } else { (59_400_000, 1760) };
     Timings {
         kind: 0,
         width_px: WIDTH_PX,
         height_px: HEIGHT_PX,
         interlaced: 0,
         polarities: 3,
-        pixel_clock_hz: 59_400_000,
-        horizontal_front_sync_back_px: [1760, 40, 220],
+        pixel_clock_hz,
+        horizontal_front_sync_back_px: [front_px, 40, 220],
         vertical_front_sync_back_px: [5, 5, 20],
         rest: [0; 20],
     }
@@ -54,42 +53,46 @@ fn grey(buffer_type: u32) -> Format {
     }
 }
 
-/// Lets nothing that computes in this machine delay the calling thread, which plays the frames.
+/// Lets the calling thread, which plays the frames, have the processor before the programs that never rest.
 ///
 /// # Errors
 /// When the kernel refuses.
-pub fn keep_player_in_time() -> Result<()> {
-    kernel::prioritise(0, PRIORITY).context("the player's priority")
+pub fn prefer_player() -> Result<()> {
+    kernel::prefer(0).context("the player's priority")
 }
 
-/// Lets nothing that computes in this machine delay vivid's threads, for ever.
+/// The same for vivid's threads, for ever. A sensor needs no processor; what stands for it here does.
 ///
 /// # Errors
 /// When the kernel refuses.
-pub fn keep_vivid_in_time() -> Result<()> {
+pub fn prefer_vivid() -> Result<()> {
     loop {
         for process in fs::read_dir("/proc").context("/proc")?.flatten() {
             // What is not a process, or has ended meanwhile, has no name.
             let name = fs::read_to_string(process.path().join("comm")).unwrap_or_default();
             let number = process.file_name().to_str().and_then(|name| name.parse().ok());
-            if let Some(number) = number.filter(|_| name.starts_with("vivid-")) {
-                kernel::prioritise(number, PRIORITY).with_context(|| name.trim().to_owned())?;
+            let Some(number) = number.filter(|_| name.starts_with("vivid-")) else { continue };
+            match kernel::prefer(number) {
+                Err(error) if error.raw_os_error() == Some(Errno::ESRCH as i32) => {}
+                done => done.with_context(|| name.trim().to_owned())?,
             }
         }
         sleep(LOOK_EVERY);
     }
 }
 
-/// Makes the capture device see what is written to the output device, unchanged.
+/// Makes the capture device see what is written to the output device, unchanged, 24 times a second, or 60
+/// times.
 ///
 /// # Errors
 /// When vivid is not there, or not what it was.
-pub fn connect(capture: &str, output: &str) -> Result<()> {
+pub fn connect(capture: &str, output: &str, is_fast: bool) -> Result<()> {
     for (path, buffer_type) in
         [(output, kernel::BUFFER_TYPE_OUTPUT), (capture, kernel::BUFFER_TYPE_CAPTURE)]
     {
         let device = open(path)?;
-        kernel::set_timings(&device, &mut timings()).with_context(|| format!("{path}: timings"))?;
+        kernel::set_timings(&device, &mut timings(is_fast))
+            .with_context(|| format!("{path}: timings"))?;
         kernel::set_format(&device, &mut grey(buffer_type))
             .with_context(|| format!("{path}: format"))?;
     }

@@ -161,18 +161,13 @@ pub fn stream_on(device: &File, buffer_type: u32) -> io::Result<()> {
     Ok(())
 }
 
-/// Lets a thread run as soon as it can, before all of lower priority; 0 is the caller's.
+/// Lets a thread have the processor before all others that have no real-time priority; 0 is the caller's.
 ///
 /// # Errors
 /// As the kernel reports them.
-pub fn prioritise(thread: i32, priority: i32) -> io::Result<()> {
-    // SAFETY: an all-zero sched_param is valid: it consists of integers.
-    let mut parameters: nix::libc::sched_param = unsafe { std::mem::zeroed() };
-    parameters.sched_priority = priority;
-    // SAFETY: the kernel reads the parameters, which live until the call is over.
-    let done = unsafe {
-        nix::libc::sched_setscheduler(thread, nix::libc::SCHED_FIFO, &raw const parameters)
-    };
+pub fn prefer(thread: u32) -> io::Result<()> {
+    // SAFETY: the kernel takes three integers.
+    let done = unsafe { nix::libc::setpriority(nix::libc::PRIO_PROCESS, thread, -20) };
     nix::errno::Errno::result(done)?;
     Ok(())
 }

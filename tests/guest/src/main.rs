@@ -18,12 +18,13 @@
 //!
 //! Other options: `test.disconnect_after=SECONDS` and
 //! `test.disconnect_for=SECONDS` pull the camera's plug once, and put it back;
+//! `test.fast` has 60 frames per second instead of 24;
 //! `test.gain` makes the frames as bright as the camera's gain has them, 100 for
 //! as they are on the disk; `test.trigger` pulls at a GPIO line; `test.output` says what the box drives
 //! at another; `test.modem_line` pulls at modem lines before the box starts. `test.unplug=TIMES` pulls
 //! the plug of the USB camera and puts it back, and `test.set_clock` sets the computer's clock, both
 //! at random, by `test.seed=NUMBER`; `test.load=PROGRAMS` starts programs that never rest, and lets
-//! none of them delay vivid.
+//! vivid and the player have the processor before them.
 
 mod camera;
 mod disturbances;
@@ -69,7 +70,7 @@ fn main() {
         ["modem_line"] => modem_line::run(),
         ["set_clock"] => seed().and_then(disturbances::set_clock),
         ["burn"] => disturbances::burn(),
-        ["vivid"] => camera::keep_vivid_in_time(),
+        ["vivid"] => camera::prefer_vivid(),
         _ => start(),
     };
     let Err(error) = done else { return };
@@ -105,10 +106,7 @@ fn start() -> Result<()> {
     }
     let load = number("test.load=")?;
     if load.is_some() {
-        Command::new("/proc/self/exe")
-            .arg("vivid")
-            .spawn()
-            .context("nobody keeps vivid in time")?;
+        Command::new("/proc/self/exe").arg("vivid").spawn().context("nobody prefers vivid")?;
     }
     for _ in 0..load.unwrap_or(0) {
         Command::new("/proc/self/exe").arg("burn").spawn().context("no load")?;
@@ -119,7 +117,7 @@ fn start() -> Result<()> {
         player.args(["usb", code]);
     } else {
         load_modules(Path::new("/test/modules.vivid"))?;
-        camera::connect(CAPTURE, OUTPUT)?;
+        camera::connect(CAPTURE, OUTPUT, is_asked_for("test.fast")?)?;
         player.arg("feed");
     }
     player.spawn().context("the player does not start")?;
@@ -149,7 +147,7 @@ fn feed() -> Result<()> {
     let mut disconnection = Disconnection::asked_for()?;
     let started = Instant::now();
     if number("test.load=")?.is_some() {
-        camera::keep_player_in_time()?;
+        camera::prefer_player()?;
     }
     let mut player = player()?;
     let obeys_gain = is_asked_for("test.gain")?;
