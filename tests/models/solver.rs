@@ -24,7 +24,7 @@ use crate::laws::Tries;
 /// The largest relative error of one rounding.
 const ROUNDING: f64 = f64::EPSILON / 2.0;
 
-/// Enough to stop by themselves but for a few in 100,000 views, of which the most have four wrong corners:
+/// Enough to stop by themselves but for very few views, of which most have four wrong corners:
 /// their first steps lead towards the mirror image, and from there they creep along a bent valley.
 const STEPS: usize = 200;
 
