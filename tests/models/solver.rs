@@ -28,8 +28,8 @@ const ROUNDING: f64 = f64::EPSILON / 2.0;
 /// their first steps lead towards the mirror image, and from there they creep along a bent valley.
 const STEPS: usize = 200;
 
-/// Of so many views no more than one may still be on its way.
-const VIEWS_PER_CREEPER: usize = 10_000;
+/// Of so many views no more than one may not have stopped.
+const VIEWS_PER_UNFINISHED: usize = 10_000;
 
 /// The solver takes no step that is shorter than this, in standard deviations of the pose that the
 /// observations promise.
@@ -241,7 +241,7 @@ fn about_axis(turn: &Matrix2<f64>, pose: &Pose<Cam, Target>) -> Pose<Cam, Target
 }
 
 fn a_quarter_turn_turns_the_pose(tries: Tries) {
-    let [tried, creeping] = [const { Cell::new(0) }; 2];
+    let [tried, unfinished] = [const { Cell::new(0) }; 2];
     tries.hold(
         "the pose of a target with wrong corners, its scene turned by quarters about the optical axis",
         "turned with it, to within rounding; with the same corners believed",
@@ -255,7 +255,7 @@ fn a_quarter_turn_turns_the_pose(tries: Tries) {
             tried.set(tried.get() + 1);
             if !has_stopped(&view, &here) || !has_stopped(&turned, &there) {
                 // Rounding is the larger the longer the way, and this one has not ended.
-                creeping.set(creeping.get() + 1);
+                unfinished.set(unfinished.get() + 1);
                 return;
             }
             let expected = about_axis(&turn, &here.cam_from_target);
@@ -268,8 +268,8 @@ fn a_quarter_turn_turns_the_pose(tries: Tries) {
             }
         },
     );
-    let [tried, creeping] = [tried.get(), creeping.get()];
-    assert!(creeping <= tried / VIEWS_PER_CREEPER, "{creeping} of {tried} have not stopped");
+    let [tried, unfinished] = [tried.get(), unfinished.get()];
+    assert!(unfinished <= tried / VIEWS_PER_UNFINISHED, "{unfinished} of {tried} have not stopped");
 }
 
 #[test]

@@ -61,9 +61,9 @@ const DAMPING_MAX: f64 = 1e6;
 /// 1e-7.
 const PIVOT_MIN: f64 = 1e-11;
 
-/// So many iterations use whatever scale follows from the residuals; in later ones it may only fall.
-/// A lower scale lowers the cost of every pose, so that every later step lowers it, and none leads
-/// back.
+/// The first iterations, which use whatever scale follows from the residuals; in later ones it may only
+/// fall. A lower scale lowers the cost of every pose: every later step then lowers the cost, and none
+/// leads back.
 const FREE_SCALE_ITERATIONS: usize = 10;
 
 /// Squared length, in standard deviations of the pose, below which a step is not taken: a
@@ -293,11 +293,8 @@ impl Descent {
                 has_stepped = false;
             }
             // The same scale is used before and after a step; the next step has its own.
-            variance = if iteration < FREE_SCALE_ITERATIONS {
-                squares.robust_variance()
-            } else {
-                squares.robust_variance().min(variance)
-            };
+            let own = squares.robust_variance();
+            variance = if iteration < FREE_SCALE_ITERATIONS { own } else { own.min(variance) };
             // A rejected step changes only the damping.
             let current =
                 normal.get_or_insert_with(|| NormalEquations::new(pose, observations, variance));

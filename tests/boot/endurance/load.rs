@@ -14,8 +14,8 @@ use super::{median, ms, whole};
 use crate::machine::{Host, healths};
 use crate::scene;
 
-/// Of the camera. The programs fill the rest of the time, whatever is emulated in it: the sooner the
-/// frames have come, the better.
+/// Frames per second. A second in which no processor rests takes the emulator equally long whatever
+/// happens in it: a fast camera makes the test short.
 const RATE_HZ: f64 = 60.0;
 
 /// Programs that never rest.
@@ -30,9 +30,15 @@ const STARTING: usize = 100;
 /// The worst must be over before the next frame comes.
 const WORST_US_MAX: u64 = (1e6 / RATE_HZ) as u64;
 
+/// With the load, a frame that needs one pass may take this many times as long as without it. The emulator
+/// counts instructions, and these are the same: what comes between them is the kernel's clock.
+const FAST_RATIO_MAX: f64 = 1.1;
+
 /// From frame to packet.
 struct Latencies {
     frames: usize,
+    /// What a tenth of the frames stay below: those in which one pass of the fit was enough.
+    fast_us: u64,
     median_us: u64,
     worst_us: u64,
     /// The worst by the box's Health, which counts until the packet has been passed on.
@@ -67,26 +73,28 @@ fn latencies(frames: usize, programs: usize) -> Latencies {
         for pose in poses.iter().filter(|pose| u64::from(pose.latency_us) >= WORST_US_MAX) {
             println!("frame {}: {} us", pose.sequence, pose.latency_us);
         }
-        let latencies: Vec<u64> = poses.iter().map(|pose| pose.latency_us.into()).collect();
+        let mut latencies: Vec<u64> = poses.iter().map(|pose| pose.latency_us.into()).collect();
+        latencies.sort_unstable();
         let later =
             healths(&seen.udp).filter(|it| it.frames as usize > STARTING + RATE_HZ as usize);
         let health = seen.health().expect("waited for");
         assert_eq!((health.heap_allocations, health.camera_losses), (Some(0), 0), "{health:?}");
         Latencies {
             frames: latencies.len(),
-            median_us: median(latencies.clone()),
-            worst_us: latencies.iter().copied().max().expect("there are poses"),
+            fast_us: latencies[latencies.len() / 10],
+            worst_us: *latencies.last().expect("there are poses"),
+            median_us: median(latencies),
             worst_of_health_us: later.map(|it| it.latency_us_max.into()).max().expect("as above"),
             skipped: u64::from(health.frames_dropped) + u64::from(health.frames_missed),
         }
     })
 }
 
-/// The worst is judged, the median only stated: where the player is late a frame is seen twice and the next
-/// one not at all, and a target that stands still and then goes twice as far costs the box a pass or two
-/// of the fit more than one that moves evenly.
+/// Beside the worst the fast frames are judged, not the median: where the player is late a frame is seen
+/// twice and the next one not at all, and a target that stands still and then goes twice as far costs the
+/// box a pass or two of the fit more than one that moves evenly.
 #[test]
-#[ignore = "takes most of an hour: cargo xtask test endurance"]
+#[ignore = "takes an hour: cargo xtask test endurance"]
 fn the_latency_is_kept() {
     let quiet = latencies(QUIET, 0);
     let loaded = latencies(repetitions(100_000), PROGRAMS);
@@ -108,4 +116,6 @@ fn the_latency_is_kept() {
         &format!("{}; without them, in {} frames: {}", text(&loaded), quiet.frames, text(&quiet)),
     );
     assert!(loaded.worst_us < WORST_US_MAX, "{} us", loaded.worst_us);
+    let ratio = loaded.fast_us as f64 / quiet.fast_us as f64;
+    assert!(ratio < FAST_RATIO_MAX, "fast frames take {ratio} times as long as without the load");
 }

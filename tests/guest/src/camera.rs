@@ -70,8 +70,10 @@ pub fn prefer_vivid() -> Result<()> {
         for process in fs::read_dir("/proc").context("/proc")?.flatten() {
             // What is not a process, or has ended meanwhile, has no name.
             let name = fs::read_to_string(process.path().join("comm")).unwrap_or_default();
-            let number = process.file_name().to_str().and_then(|name| name.parse().ok());
-            let Some(number) = number.filter(|_| name.starts_with("vivid-")) else { continue };
+            if !name.starts_with("vivid-") {
+                continue;
+            }
+            let number = process.file_name().to_string_lossy().parse().context("a process")?;
             match kernel::prefer(number) {
                 Err(error) if error.raw_os_error() == Some(Errno::ESRCH as i32) => {}
                 done => done.with_context(|| name.trim().to_owned())?,

@@ -33,7 +33,7 @@ pub enum Ordeal {
     /// A booted box that gets updates that do not work, and its power cut a hundred times while it is
     /// updated; two hours.
     Updating,
-    /// The latency of a booted box beside programs that never rest; three quarters of an hour.
+    /// The latency of a booted box beside programs that never rest; an hour.
     Load,
 }
 
