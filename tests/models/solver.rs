@@ -24,12 +24,12 @@ use crate::laws::Tries;
 /// The largest relative error of one rounding.
 const ROUNDING: f64 = f64::EPSILON / 2.0;
 
-/// Enough to stop by themselves but for very few views, of which most have four wrong corners:
-/// their first steps lead towards the mirror image, and from there they creep along a bent valley.
+/// Enough to stop by themselves but for two or three views in 100,000. Most of these have four wrong
+/// corners: their first steps lead towards the mirror image, and from there they creep along a bent valley.
 const STEPS: usize = 200;
 
 /// Of so many views no more than one may not have stopped.
-const VIEWS_PER_UNFINISHED: usize = 10_000;
+const VIEWS_PER_UNFINISHED: usize = 20_000;
 
 /// The solver takes no step that is shorter than this, in standard deviations of the pose that the
 /// observations promise.
