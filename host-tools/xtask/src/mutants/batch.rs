@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -101,7 +101,7 @@ impl Workshop<'_> {
                 numbers.push(number);
             }
         }
-        self.try_program(batch, &compiled.program, numbers, Limit::Measured, progress)?;
+        self.try_program(batch, compiled.program, numbers, Limit::Measured, progress)?;
         self.restore(batch)?;
         Ok(compiled.alone.iter().map(|number| batch.mutant(*number)).collect())
     }
@@ -113,7 +113,7 @@ impl Workshop<'_> {
         self.tree.write(&mutant.file, text.as_bytes())?;
         match build(self.tree, &batch.package.own_suite())? {
             Built::Program(program) => {
-                self.try_program(batch, &program, vec![1], Limit::Fixed, progress)?;
+                self.try_program(batch, program, vec![1], Limit::Fixed, progress)?;
             }
             Built::Errors(_) if self.is_over() => {}
             Built::Errors(_) => progress.add(mutant, Outcome::Unviable)?,
@@ -185,87 +185,38 @@ impl Workshop<'_> {
         Ok(())
     }
 
-    /// Runs tests with each of these mutants: first those of the mutant's own part of the crate, then all of
-    /// the crate, then those beyond it.
+    /// Takes these mutants of a batch through their tests, each to its outcome before the next begins: a run
+    /// that is ended leaves out the last ones, and not those that are hard to catch.
     fn try_program(
         &self,
         batch: &Batch<'_>,
-        program: &Path,
+        program: PathBuf,
         numbers: Vec<u32>,
         limit: Limit,
         progress: &mut Progress<'_>,
     ) -> Result<()> {
-        let stage = Stage { program, suite: &batch.package.own_suite(), limit };
-        let left = self.survivors(batch, &stage, part, numbers, progress)?;
-        let mut left = self.survivors(batch, &stage, |_| String::new(), left, progress)?;
-        for suite in batch.package.beyond {
-            if left.is_empty() || self.is_over() {
-                break;
-            }
-            println!("{} left for the tests of {}", left.len(), suite.package);
-            let program = match build(self.tree, suite)? {
-                Built::Program(program) => program,
-                Built::Errors(_) if self.is_over() => break,
-                Built::Errors(errors) => bail!("{}: {}", suite.package, errors[0].text),
-            };
-            let stage = Stage { program: &program, suite, limit };
-            left = self.survivors(batch, &stage, |_| String::new(), left, progress)?;
-        }
-        if !self.is_over() {
-            for number in left {
-                progress.add(batch.mutant(number), Outcome::Survived)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Runs the tests that `filter` chooses with each of these mutants. Returns those for which all passed;
-    /// what became of the others is written down.
-    fn survivors(
-        &self,
-        batch: &Batch<'_>,
-        stage: &Stage<'_>,
-        filter: impl Fn(&Mutant) -> String,
-        numbers: Vec<u32>,
-        progress: &mut Progress<'_>,
-    ) -> Result<Vec<u32>> {
-        let directory = self.tree.place().join(stage.suite.directory);
-        let mut measured = BTreeMap::new();
-        let mut queue = Vec::new();
-        for number in numbers {
-            let filter = filter(batch.mutant(number));
-            if !measured.contains_key(&filter) {
-                let tests = Tests::new(stage.program, &directory, &filter);
-                let tests = match stage.limit {
-                    Limit::Measured => tests.measured(self.is_over)?,
-                    Limit::Fixed => tests,
-                };
-                measured.insert(filter.clone(), tests);
-            }
-            queue.push((number, filter));
-        }
-        let queue = Mutex::new(queue.into_iter());
+        let course = Course {
+            workshop: self,
+            batch,
+            limit,
+            programs: Mutex::new(vec![program]),
+            measured: Mutex::new(BTreeMap::new()),
+        };
+        let queue = Mutex::new(numbers.into_iter());
         let next = || queue.lock().expect("nobody panics with it").next();
-        let shared = Mutex::new((Vec::new(), progress, Ok(())));
+        let shared = Mutex::new((progress, Ok(())));
         thread::scope(|scope| {
             for _ in 0..self.jobs {
                 scope.spawn(|| {
                     while !self.is_over()
-                        && let Some((number, filter)) = next()
+                        && let Some(number) = next()
                     {
-                        let verdict = measured[&filter].run(number, self.is_over);
+                        let outcome = course.outcome(number);
                         let mut shared = shared.lock().expect("nobody panics with it");
-                        let (left, progress, failure) = &mut *shared;
-                        let written = verdict.and_then(|verdict| match verdict {
-                            Verdict::Passed => {
-                                left.push(number);
-                                Ok(())
-                            }
-                            Verdict::Failed => progress.add(batch.mutant(number), Outcome::Caught),
-                            Verdict::TimedOut => {
-                                progress.add(batch.mutant(number), Outcome::TimedOut)
-                            }
-                            Verdict::Interrupted => Ok(()),
+                        let (progress, failure) = &mut *shared;
+                        let written = outcome.and_then(|outcome| match outcome {
+                            Some(outcome) => progress.add(batch.mutant(number), outcome),
+                            None => Ok(()),
                         });
                         if written.is_err() {
                             *failure = written;
@@ -275,16 +226,78 @@ impl Workshop<'_> {
                 });
             }
         });
-        let (left, _, failure) = shared.into_inner().expect("nobody panicked with it");
-        failure.map(|()| left)
+        shared.into_inner().expect("nobody panicked with it").1
     }
 }
 
-/// Tests that are run with mutants.
-struct Stage<'a> {
-    program: &'a Path,
-    suite: &'a Suite,
+/// The tests that a mutant of a batch meets until one fails: those of its own part of the crate, then all of
+/// the crate, then those beyond it. What is compiled and measured waits until a mutant comes that far.
+struct Course<'a> {
+    workshop: &'a Workshop<'a>,
+    batch: &'a Batch<'a>,
     limit: Limit,
+    /// The crate's own tests, and as many of those beyond it as have been compiled.
+    programs: Mutex<Vec<PathBuf>>,
+    /// By the place of their program and by what is in their names.
+    measured: Mutex<BTreeMap<(usize, String), Tests>>,
+}
+
+impl Course<'_> {
+    /// What becomes of a mutant; `None` when the run was ended meanwhile.
+    fn outcome(&self, number: u32) -> Result<Option<Outcome>> {
+        let of_its_part = part(self.batch.mutant(number));
+        let own = (!of_its_part.is_empty()).then_some((0, of_its_part));
+        let all = (0..=self.batch.package.beyond.len()).map(|place| (place, String::new()));
+        for (place, filter) in own.into_iter().chain(all) {
+            let Some(tests) = self.tests(place, filter)? else { return Ok(None) };
+            match tests.run(number, self.workshop.is_over)? {
+                Verdict::Passed => {}
+                Verdict::Failed => return Ok(Some(Outcome::Caught)),
+                Verdict::TimedOut => return Ok(Some(Outcome::TimedOut)),
+                Verdict::Interrupted => return Ok(None),
+            }
+        }
+        Ok(Some(Outcome::Survived))
+    }
+
+    /// The tests of the program at this place that have `filter` in their names.
+    fn tests(&self, place: usize, filter: String) -> Result<Option<Tests>> {
+        let Some(program) = self.program(place)? else { return Ok(None) };
+        let suite = self.suite(place);
+        let mut measured = self.measured.lock().expect("nobody panics with it");
+        let key = (place, filter);
+        if let Some(tests) = measured.get(&key) {
+            return Ok(Some(tests.clone()));
+        }
+        let directory = self.workshop.tree.place().join(suite.directory);
+        let tests = Tests::new(&program, &directory, &key.1);
+        let tests = match self.limit {
+            Limit::Measured => tests.measured(self.workshop.is_over)?,
+            Limit::Fixed => tests,
+        };
+        measured.insert(key, tests.clone());
+        Ok(Some(tests))
+    }
+
+    fn program(&self, place: usize) -> Result<Option<PathBuf>> {
+        let mut programs = self.programs.lock().expect("nobody panics with it");
+        while programs.len() <= place {
+            let suite = self.suite(programs.len());
+            match build(self.workshop.tree, &suite)? {
+                Built::Program(program) => programs.push(program),
+                Built::Errors(_) if self.workshop.is_over() => return Ok(None),
+                Built::Errors(errors) => bail!("{}: {}", suite.package, errors[0].text),
+            }
+        }
+        Ok(Some(programs[place].clone()))
+    }
+
+    fn suite(&self, place: usize) -> Suite {
+        match place.checked_sub(1) {
+            None => self.batch.package.own_suite(),
+            Some(beyond) => self.batch.package.beyond[beyond],
+        }
+    }
 }
 
 /// The time that tests have.
