@@ -5,7 +5,9 @@ extern crate std;
 use std::vec::Vec;
 
 use super::super::aead::CipherKey;
+use super::super::channel::seal_body;
 use super::super::stream::StreamKey;
+use super::super::wire::{Kind, Writer, put_counter};
 use super::super::{EPOCH_PACKETS, OneWay, SEALED_BYTES_MAX, StreamOpener, StreamSealer};
 use super::world::{S, Weather, World, draw, key, numbered};
 use crate::tell::packet::{PROTOCOL_VERSION, SCHEMA_HASH, Start};
@@ -13,19 +15,25 @@ use crate::test_support::Random;
 
 const KEY: [u8; 32] = [5; 32];
 
-fn sealer(next: u64) -> StreamSealer {
+pub fn sealer(next: u64) -> StreamSealer {
     let mut sealer = StreamSealer::new(CipherKey::new(KEY));
     sealer.skip_to(next);
     sealer
 }
 
+/// The key that a listener is given now.
+pub fn key_of(sealer: &mut StreamSealer) -> StreamKey {
+    let key = sealer.key();
+    StreamKey::of_epoch(key.epoch(), CipherKey::new(*key.bytes()))
+}
+
 /// A listener that joins now.
 fn opener(sealer: &mut StreamSealer) -> StreamOpener {
-    let key = StreamKey::of_epoch(sealer.key().epoch(), CipherKey::new(*sealer.key().bytes()));
+    let key = key_of(sealer);
     StreamOpener::new(Start::new(1).unwrap(), sealer.next(), sealer.next(), key)
 }
 
-fn sealed(sealer: &mut StreamSealer) -> Vec<u8> {
+pub fn sealed(sealer: &mut StreamSealer) -> Vec<u8> {
     let message = numbered(sealer.next());
     sealer.seal(&message, &mut [0; SEALED_BYTES_MAX]).unwrap().to_vec()
 }
@@ -96,6 +104,54 @@ fn a_jump_is_followed_over_some_borders_and_a_forged_one_over_none() {
 }
 
 #[test]
+fn a_key_is_looked_for_eight_borders_ahead() {
+    for (epoch, is_opened) in [(7, true), (8, true), (9, false)] {
+        let mut opener = opener(&mut sealer(10));
+        let counter = epoch * EPOCH_PACKETS;
+        let packet = sealed(&mut sealer(counter));
+        assert_eq!(opens(&mut opener, &packet, counter), is_opened, "{epoch}");
+    }
+}
+
+/// A listener whose session begins anew is given the key of that time, in whatever order these come.
+#[test]
+fn who_joins_again_opens_what_is_late_and_what_is_far_ahead() {
+    let mut before = sealer(EPOCH_PACKETS - 20);
+    let mut opener = opener(&mut before);
+    let late = sealed(&mut before);
+    // In the next epoch, once more in it, and with a key of before.
+    for next in [EPOCH_PACKETS + 5, EPOCH_PACKETS + 6, EPOCH_PACKETS - 10] {
+        opener.join_again(next, key_of(&mut sealer(next)));
+    }
+    assert_eq!(opener.window().next(), EPOCH_PACKETS + 6);
+    assert!(opens(&mut opener, &late, EPOCH_PACKETS - 20));
+    let far = 20 * EPOCH_PACKETS + 3;
+    opener.join_again(far, key_of(&mut sealer(far)));
+    assert!(opens(&mut opener, &sealed(&mut sealer(far)), far));
+}
+
+/// Whoever has learned an old key makes nothing of a later epoch with it.
+#[test]
+fn a_key_opens_nothing_of_another_epoch() {
+    let mut opener = opener(&mut sealer(EPOCH_PACKETS));
+    let next = 5 * EPOCH_PACKETS + 10;
+    opener.join_again(next, key_of(&mut sealer(next)));
+    for (of, counter, is_opened) in [
+        (EPOCH_PACKETS, next - 11, false),
+        (EPOCH_PACKETS, next, false),
+        (next, next - 11, false),
+        (next, next, true),
+    ] {
+        let key = CipherKey::new(*key_of(&mut sealer(of)).bytes());
+        let mut buffer = [0; SEALED_BYTES_MAX];
+        let mut writer = Writer::new(&mut buffer, Kind::Stream);
+        put_counter(&mut writer, counter);
+        let packet = seal_body(writer, &key, counter, &numbered(counter)).unwrap();
+        assert_eq!(opens(&mut opener, packet, counter), is_opened, "{counter} with {of}");
+    }
+}
+
+#[test]
 fn sessions_cross_a_border_without_loss() {
     let weather = Weather { lost: 0.2, twice: 0.1, late: 0.1, ..Weather::default() };
     let mut world = World::new(1, weather).with_hosts(3);
@@ -160,4 +216,16 @@ fn a_line_without_a_way_back_is_opened_from_its_announcements() {
     }
     let far = OneWay { next: u64::MAX, ..announcement };
     assert!(StreamOpener::one_way(&key(1), &far).is_none());
+}
+
+#[test]
+fn a_line_without_a_way_back_is_followed_over_65_536_borders() {
+    let salt = [3; 16];
+    let (key_id, start) = (key(1).id(), Start::new(77).unwrap());
+    for (epoch, is_followed) in [(1 << 16, true), ((1 << 16) + 1, false)] {
+        let next = epoch * EPOCH_PACKETS;
+        let read = OneWay { key_id, start, start_count: 3, schema_hash: SCHEMA_HASH, salt, next };
+        let opener = StreamOpener::one_way(&key(1), &read);
+        assert_eq!(opener.map(|it| it.window().next()), is_followed.then_some(next));
+    }
 }

@@ -3,12 +3,15 @@
 
 extern crate std;
 
+mod approach;
 mod epochs;
 mod hostile;
 mod leaving;
+mod reception;
 mod restarts;
 mod stream;
 mod update;
 mod vectors;
 mod versions;
+mod waiting;
 mod world;
