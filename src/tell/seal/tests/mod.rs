@@ -4,9 +4,14 @@
 extern crate std;
 
 mod approach;
+mod box_end;
+mod channel;
 mod epochs;
+mod host_end;
 mod hostile;
+mod key;
 mod leaving;
+mod pairing;
 mod reception;
 mod restarts;
 mod stream;
@@ -14,4 +19,5 @@ mod update;
 mod vectors;
 mod versions;
 mod waiting;
+mod wire;
 mod world;

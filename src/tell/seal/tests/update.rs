@@ -242,6 +242,72 @@ fn one_program_at_a_time_updates_a_box() {
 }
 
 #[test]
+fn a_program_updates_from_its_address_and_in_its_latest_session() {
+    let mut bench = Bench::new(36);
+    let host = bench.join(1);
+    bench.run(20 * MS);
+    bench.ask(host, 1, UpdateStep::Query);
+    let mut buffer = [0; SEALED_BYTES_MAX];
+    let (at, end) = &mut bench.hosts[host];
+    let request = UpdateRequest { id: 2, step: UpdateStep::Query };
+    let (at, packet) = (*at, end.seal(&request, &mut buffer).unwrap().unwrap().1.to_vec());
+    bench.box_receives(address(400), &packet);
+    bench.box_receives(at, &packet);
+    bench.hosts[host].1 = UpdateEnd::new(key(1), caller(1, "program 1"), Some(address(BOX_AT)));
+    bench.run(20 * MS);
+    bench.ask(host, 3, UpdateStep::Query);
+    let ids: StdVec<u16> = bench.asked.iter().map(|it| it.1.id).collect();
+    assert_eq!(ids, [1, 2, 3]);
+}
+
+#[test]
+fn a_reply_counts_where_the_box_is_alone() {
+    let mut bench = Bench::new(37);
+    let host = bench.join(1);
+    bench.run(20 * MS);
+    assert_eq!(bench.hosts[host].1.peer(), Some(address(BOX_AT)));
+    bench.ask(host, 1, UpdateStep::Query);
+    let sent = UpdateReply { id: 1, version: String::new(), outcome: none() };
+    let mut buffer = [0; SEALED_BYTES_MAX];
+    let packet = bench.bx.seal_to_updater(&sent, &mut buffer).unwrap().unwrap().1.to_vec();
+    for (from, is_it) in [(address(400), false), (address(BOX_AT), true)] {
+        let end = &mut bench.hosts[host].1;
+        let told = end.receive(from, &packet, bench.now_ns, || unreachable!(), &mut buffer);
+        let is_told = matches!(&told, ToldOfUpdate::Reply { reply, .. } if *reply == sent);
+        assert_eq!(is_told, is_it, "{told:?}");
+    }
+}
+
+#[test]
+fn an_announcement_has_a_host_greet_another_start_of_its_box_alone() {
+    let mut bench = Bench::new(38);
+    let [met, new] = [bench.join(1), bench.join(2)];
+    bench.run(20 * MS);
+    bench.hosts[new].1 = UpdateEnd::new(key(1), caller(2, "program 2"), None);
+    // The key and start that are announced, and which of the two then greets.
+    let cases = [
+        (2, 77, [None, None]),
+        (1, 77, [None, Some(address(400))]),
+        (1, 78, [Some(address(401)), Some(address(401))]),
+    ];
+    for (index, (of, start, greeted)) in cases.into_iter().enumerate() {
+        let mut buffer = [0; SEALED_BYTES_MAX];
+        let bx = BoxEnd::new(Some(key(of)), Start::new(start).unwrap(), &[2; 32]);
+        let packet = bx.announcement(&mut buffer).to_vec();
+        for (place, expected) in [met, new].into_iter().zip(greeted) {
+            let (end, now_ns) = (&mut bench.hosts[place].1, bench.now_ns);
+            let from = address(399 + index);
+            let told = end.receive(from, &packet, now_ns, || [9; 32], &mut buffer);
+            let is_of_its_box = matches!(told, ToldOfUpdate::Handshake(None));
+            assert_eq!(is_of_its_box, of == 1, "{told:?}");
+            let due = end.due(now_ns, || [9; 32], &mut buffer);
+            let due = due.map(|(to, packet)| (to, Kind::of(packet).unwrap().0));
+            assert_eq!(due, expected.map(|to| (to, Kind::Greeting)), "{of} {start} {place}");
+        }
+    }
+}
+
+#[test]
 fn what_is_lost_is_asked_again_and_nothing_is_done_twice() {
     for seed in 0..repetitions(30) as u64 {
         let mut bench = Bench::new(100 + seed);
