@@ -8,3 +8,6 @@ pub mod packet;
 pub mod report;
 pub mod seal;
 pub mod view;
+
+#[cfg(test)]
+mod tests;

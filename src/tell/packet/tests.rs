@@ -313,6 +313,40 @@ fn the_longest_packets_keep_their_bounds() {
 }
 
 #[test]
+fn the_longest_packet_gives_the_longest_frame() {
+    for byte in [0, 1] {
+        let packet = [byte; PACKET_BYTES_MAX + 1];
+        let length = |packet| frame_packet(packet, &mut [0; 2 * FRAME_BYTES_MAX]).unwrap().len();
+        assert_eq!(length(&packet[1..]), FRAME_BYTES_MAX);
+        // Without a zero in it, a longer packet needs a second byte of COBS.
+        assert_eq!(length(&packet), FRAME_BYTES_MAX + if byte == 0 { 1 } else { 2 });
+    }
+}
+
+#[test]
+fn a_line_that_was_reopened_begins_without_the_rest_of_a_frame() {
+    let message = Message::Pose(pose(2));
+    let whole = frame(&message);
+    let mut deframer = Deframer::<FRAME_BYTES_MAX>::new();
+    let arrived = Ok(packet(message));
+    for (before, after, outcome) in [
+        (&whole[..0], &whole[..], arrived.clone()),
+        (&whole[..60], &whole[..], arrived),
+        // Of the frame after it, only the end arrives.
+        (&whole[..60], &whole[60..], Err(PacketError::Fragment)),
+    ] {
+        assert!(!deframer.is_synchronised());
+        deframer.push(before, |outcome| panic!("{outcome:?} without a delimiter"));
+        deframer.restart();
+        let mut outcomes = StdVec::new();
+        deframer.push(after, |outcome| outcomes.push(outcome));
+        assert_eq!(outcomes, [outcome]);
+        assert!(deframer.is_synchronised());
+        deframer.restart();
+    }
+}
+
+#[test]
 fn the_schema_hash_is_this_one_and_follows_the_shape() {
     // When this fails, a message has changed its shape, and boxes and hosts
     // must be updated together. Then write the new number here.
@@ -543,6 +577,63 @@ fn a_target_was_exposed_later_than_its_frame_began() {
 }
 
 #[test]
+fn a_packet_was_handed_over_its_latency_after_its_capture_time() {
+    for (capture_time_ns, latency_us, handed_over_ns) in [
+        (1_000_000_000, 0, 1_000_000_000),
+        (1_000_000_000, 1_500, 1_001_500_000),
+        (0, u32::MAX, 4_294_967_295_000),
+        // It wraps.
+        (u64::MAX, 1, 999),
+    ] {
+        let packet = PosePacket { capture_time_ns, latency_us, ..pose(1) };
+        assert_eq!(packet.handed_over_ns(), handed_over_ns);
+    }
+}
+
+#[test]
+fn a_pose_is_found_by_the_role_of_its_target() {
+    let mut packet = pose(3);
+    packet.targets[0].pose = Err(NoPose::Searching);
+    let scene = packet.targets.pop().unwrap();
+    let lower = MeasuredPose { corners: 7, ..POSE };
+    packet.targets[1].pose = Ok(lower);
+    assert_eq!(packet.pose(Role::Lower), Some(&lower));
+    assert_eq!(packet.pose(Role::Upper), None);
+    assert_eq!(packet.pose(Role::Scene), None);
+    packet.targets.push(scene).unwrap();
+    assert_eq!(packet.pose(Role::Scene), Some(&POSE));
+}
+
+#[test]
+fn only_these_requests_change_the_box() {
+    let changing: StdVec<_> = longest_messages()
+        .into_iter()
+        .filter_map(|message| match message {
+            Message::Command(command) => Some(command.action),
+            _ => None,
+        })
+        .filter(Action::changes_box)
+        .collect();
+    assert_eq!(
+        changing,
+        [
+            Action::StoreConfig { bytes: u32::MAX, crc: u32::MAX },
+            Action::Aim { seconds: u16::MAX },
+            Action::TakePicture { reduction: u8::MAX },
+            Action::Expose { exposure_us: Some(u32::MAX), gain: Some(1.0) },
+            Action::Reboot,
+        ]
+    );
+}
+
+#[test]
+fn the_checksum_of_a_document_is_the_crc_32_of_zip_and_png() {
+    // The value by which the catalogue of checksums identifies it.
+    assert_eq!(document_crc(b"123456789"), 0xcbf4_3926);
+    assert_eq!(document_crc(&[]), 0);
+}
+
+#[test]
 fn a_program_says_its_version_and_its_commit() {
     for (version, commit, text) in [
         ("0.1.0", Some("1a2b3c4d"), "0.1.0+1a2b3c4d"),
@@ -594,6 +685,8 @@ fn standard_deviations_are_rounded_and_saturate() {
     let back = back.targets[0].pose.unwrap();
     assert_eq!(back.sd_mm, [0.0123, 6.5535, 6.5535]);
     assert_eq!(back.rms_px, 6.5535);
+    let largest = [SD_STEP_MM, RMS_STEP_PX].map(|step| (65_535.0 * step) as f32);
+    assert_eq!(largest, [back.sd_mm[2], back.rms_px]);
 }
 
 #[test]
