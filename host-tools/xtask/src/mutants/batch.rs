@@ -422,6 +422,7 @@ fn source(file: &str) -> Result<String> {
 mod tests {
     use super::super::list::{Function, Place, Span};
     use super::*;
+    use crate::command::Task;
 
     fn mutant(file: &str, lines: usize) -> Mutant {
         let [start, end] = [1, lines].map(|line| Place { line, column: 1 });
@@ -444,6 +445,39 @@ mod tests {
             .map(|batch| batch.mutants.len())
             .collect();
         assert_eq!(sizes, [2, 1, 1, 1]);
+    }
+
+    /// A run may be ended at any time: what it has not tried must not be what is hard to catch.
+    #[test]
+    fn a_mutant_has_met_all_its_tests_before_the_next_one_begins() {
+        let folder = tempfile::tempdir().unwrap();
+        let [program, calls] = ["program", "calls"].map(|name| folder.path().join(name));
+        // Tests that tell a mutant only when all are run. Another process writes them: what this one has open
+        // for writing cannot be started by any of its threads.
+        let text = "#!/bin/sh\n\
+             echo \"$PLUMBLINE_MUTANT $2\" >> \"$(dirname \"$0\")/calls\"\n\
+             [ -n \"$2\" ] || echo 'test a_law ... FAILED'\n";
+        Task::new("sh")
+            .args(["-c", "printf %s \"$0\" > \"$1\" && chmod +x \"$1\"", text])
+            .args([&program])
+            .run()
+            .unwrap();
+        let is_over = AtomicBool::new(false);
+        // Of the copy only the directories are used, in which the tests are started.
+        let tree = Tree::locked(folder.path().join("tree")).unwrap();
+        fs::create_dir_all(tree.place().join(super::super::UPDATE.directory)).unwrap();
+        let workshop = Workshop { tree: &tree, is_over: &is_over, jobs: 1 };
+        let mutants =
+            [mutant("board/update/src/card.rs", 1), mutant("board/update/src/sign.rs", 1)];
+        let batch = Batch { package: &super::super::UPDATE, mutants: mutants.iter().collect() };
+        let mut ledger = Ledger::at(folder.path().join("outcomes")).unwrap();
+        let mut progress = Progress::new(&mut ledger, mutants.len());
+        workshop.try_program(&batch, program, vec![1, 2], Limit::Fixed, &mut progress).unwrap();
+        assert_eq!(progress.done(), mutants.len());
+        assert_eq!(fs::read_to_string(calls).unwrap(), "1 card::\n1 \n2 sign::\n2 \n");
+        for mutant in &mutants {
+            assert_eq!(ledger.outcome(mutant).unwrap(), Some(Outcome::Caught));
+        }
     }
 
     #[test]

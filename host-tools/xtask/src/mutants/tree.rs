@@ -19,17 +19,10 @@ impl Tree {
     /// Makes the copy in this directory, or brings it up to date. Files that are the same keep their time,
     /// so that what was compiled of them is not compiled again.
     pub fn at(place: PathBuf) -> Result<Self> {
-        fs::create_dir_all(&place).with_context(|| place.display().to_string())?;
-        let lock = place.with_extension("lock");
-        let lock = File::create(&lock).with_context(|| lock.display().to_string())?;
-        if lock.try_lock().is_err() {
-            let place = place.display();
-            bail!(BadInput(format!("{place}: another run is trying mutants; wait until it ends")));
-        }
+        let tree = Self::locked(place)?;
         let list = ["ls-files", "--cached", "--others", "--exclude-standard", "-z"];
         let list = Task::new("git").args(list).output()?;
         let files: BTreeSet<&str> = list.split('\0').filter(|name| !name.is_empty()).collect();
-        let tree = Self { place, _lock: lock };
         for name in &files {
             // A file may be deleted and still be known to git.
             match fs::read(root().join(name)) {
@@ -46,6 +39,18 @@ impl Tree {
         let names: Vec<&str> = files.into_iter().collect();
         fs::write(&known, names.join("\n")).with_context(|| known.display().to_string())?;
         Ok(tree)
+    }
+
+    /// The directory, as it is, of this run alone.
+    pub fn locked(place: PathBuf) -> Result<Self> {
+        fs::create_dir_all(&place).with_context(|| place.display().to_string())?;
+        let lock = place.with_extension("lock");
+        let lock = File::create(&lock).with_context(|| lock.display().to_string())?;
+        if lock.try_lock().is_err() {
+            let place = place.display();
+            bail!(BadInput(format!("{place}: another run is trying mutants; wait until it ends")));
+        }
+        Ok(Self { place, _lock: lock })
     }
 
     /// Its directory.

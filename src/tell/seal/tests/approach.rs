@@ -8,8 +8,8 @@ use std::vec::Vec;
 
 use super::super::approach::Approach;
 use super::super::wire::{Answer, HEAD_BYTES, Kind, Purpose, VERSIONS};
-use super::super::{Announcement, BoxState, Caller, Peer, SEALED_BYTES_MAX, TOKEN_BYTES};
-use super::world::{MS, S, address, key};
+use super::super::{Announcement, BoxState, Peer, SEALED_BYTES_MAX, TOKEN_BYTES};
+use super::world::{MS, S, address, caller, key};
 use crate::tell::packet::{SCHEMA_HASH, Start};
 
 /// Addresses at which a session is tried at the same time.
@@ -22,8 +22,7 @@ const BEGIN: u64 = 100 * S;
 type Sent = (Peer, Vec<u8>);
 
 fn approach(known: Option<Peer>) -> Approach {
-    let caller = Caller { process: 1, name: "a test".try_into().unwrap() };
-    Approach::new(Purpose::Listening, key(1), caller, known)
+    Approach::new(Purpose::Listening, key(1), caller(1, "a test"), known)
 }
 
 /// Tries this address, with random bytes that are all the same.

@@ -11,12 +11,8 @@ use super::super::wire::{
     Answer, CALLER_BYTES, COOKIE_BYTES, Purpose, Terms, VERSIONS, Writer, greeting,
 };
 use super::super::*;
-use super::world::{S, Weather, World, address, key};
+use super::world::{S, Weather, World, address, caller, key};
 use crate::tell::packet::{PROTOCOL_VERSION, Start, UpdateRequest, UpdateStep};
-
-fn caller(process: u32) -> Caller {
-    Caller { process, name: "a test".try_into().unwrap() }
-}
 
 #[test]
 fn a_box_says_why_it_waits_in_clear_only_while_it_has_no_key() {
@@ -41,7 +37,7 @@ fn opening(purpose: Purpose, terms: &Terms, cookie: [u8; COOKIE_BYTES], secret: 
     let prologue = terms.prologue(purpose, &cookie);
     let mut handshake = Handshake::of_host(key(1).bytes(), &prologue, &[secret; 32]).unwrap();
     let mut payload = [0; CALLER_BYTES];
-    postcard::to_slice(&caller(1), &mut payload).unwrap();
+    postcard::to_slice(&caller(1, "a test"), &mut payload).unwrap();
     let mut buffer = [0; SEALED_BYTES_MAX];
     let mut writer = Writer::new(&mut buffer, purpose.opening());
     writer.put(cookie);
@@ -92,7 +88,7 @@ fn a_box_accepts_no_terms_but_those_of_its_own_answer() {
 fn opened(world: &mut World, process: u8) -> (Peer, UpdateEnd) {
     let (at, now_ns) = (world.at, world.now_ns);
     let peer = address(100 + usize::from(process));
-    let mut end = UpdateEnd::new(key(1), caller(process.into()), Some(at));
+    let mut end = UpdateEnd::new(key(1), caller(process.into(), "a test"), Some(at));
     let mut buffer = [0; SEALED_BYTES_MAX];
     let mut packet = end.due(now_ns, || [process; 32], &mut buffer).unwrap().1.to_vec();
     while end.peer().is_none() {

@@ -10,7 +10,7 @@ use heapless::{String, Vec};
 
 use super::super::wire::{Kind, greeting};
 use super::super::*;
-use super::world::{MS, S, address, draw, key};
+use super::world::{MS, S, address, caller, draw, key};
 use crate::packet::{
     PART_BYTES_MAX, PROTOCOL_VERSION, SCHEMA_HASH, Start, UPDATE_PART_BYTES_MAX,
     UPDATE_TEXT_BYTES_MAX, UpdateOutcome, UpdateRefusal, UpdateReply, UpdateRequest, UpdateState,
@@ -20,10 +20,6 @@ use crate::test_support::{Random, repetitions};
 
 const BOX_AT: usize = 0;
 const NOW_NS: u64 = 10_000 * S;
-
-fn caller(process: u32, name: &str) -> Caller {
-    Caller { process, name: name.try_into().unwrap() }
-}
 
 /// A box, and programs that update it, over a network that may lose some packets.
 struct Bench {

@@ -11,8 +11,8 @@ use super::super::listeners::{Listeners, SILENT_NS};
 use super::super::pending::{Handshakes, PENDING_NS, Pending};
 use super::super::session::{RENEW_NS, Session, Sessions};
 use super::super::wire::Purpose;
-use super::super::{Caller, LISTENERS_MAX, Peer, SEALED_BYTES_MAX};
-use super::world::{S, address};
+use super::super::{LISTENERS_MAX, Peer, SEALED_BYTES_MAX};
+use super::world::{S, address, caller};
 use crate::tell::packet::{Action, Command, Message, Start};
 
 /// When everything begins.
@@ -31,13 +31,9 @@ fn packet(session: u16) -> Vec<u8> {
     channel(session).seal(&message, &mut [0; SEALED_BYTES_MAX]).unwrap().to_vec()
 }
 
-fn caller(process: u32) -> Caller {
-    Caller { process, name: "a test".try_into().unwrap() }
-}
-
 fn pending(session: u16, process: u32, peer: Peer, begun_ns: u64) -> Pending {
     let (seen, acceptance) = ([0; 8], heapless::Vec::new());
-    let (caller, channel) = (caller(process), channel(session));
+    let (caller, channel) = (caller(process, "a test"), channel(session));
     Pending { peer, caller, channel, seen, acceptance, begun_ns }
 }
 
@@ -126,7 +122,7 @@ fn a_handshake_waits_for_its_time_and_no_longer() {
 #[test]
 fn a_listener_is_heard_for_three_seconds_where_it_is() {
     let mut listeners = Listeners::new();
-    listeners.join(address(1), &caller(1), &channel(1), BEGIN).unwrap();
+    listeners.join(address(1), &caller(1, "a test"), &channel(1), BEGIN).unwrap();
     for (at, after_ns, is_heard) in [
         (1, 0, true),
         (1, SILENT_NS - 1, true),
@@ -147,9 +143,9 @@ fn a_silent_listener_yields_after_three_seconds_and_has_left_after_two_minutes()
         // The third has been silent for longest.
         let heard_ns = BEGIN + u64::from(process != 3);
         let peer = address(process as usize);
-        listeners.join(peer, &caller(process), &channel(1), heard_ns).unwrap();
+        listeners.join(peer, &caller(process, "a test"), &channel(1), heard_ns).unwrap();
     }
-    let mut join = |now_ns| listeners.join(address(9), &caller(9), &channel(1), now_ns);
+    let mut join = |now_ns| listeners.join(address(9), &caller(9, "a test"), &channel(1), now_ns);
     assert_eq!(join(BEGIN + SILENT_NS - 1), None);
     assert_eq!(join(BEGIN + SILENT_NS).unwrap().place, 2);
     let left_ns = BEGIN + 1 + 120 * S;

@@ -78,6 +78,11 @@ impl BoxSide {
     }
 }
 
+/// A program that says who it is.
+pub fn caller(process: u32, name: &str) -> Caller {
+    Caller { process, name: name.try_into().unwrap() }
+}
+
 pub struct HostSide {
     pub end: HostEnd,
     pub peer: Peer,
@@ -88,8 +93,7 @@ pub struct HostSide {
 
 impl HostSide {
     pub fn new(key: Key, process: u32, peer: Peer, known: Option<Peer>) -> Self {
-        let caller = Caller { process, name: "a test".try_into().unwrap() };
-        let end = HostEnd::new(key, caller, known);
+        let end = HostEnd::new(key, caller(process, "a test"), known);
         Self { end, peer, received: BTreeMap::new(), told: Vec::new() }
     }
 

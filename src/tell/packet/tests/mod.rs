@@ -14,6 +14,10 @@ use crate::tell::report::{NoPose, TargetState};
 use crate::tell::view::{FrameView, TargetView};
 use crate::test_support::repetitions;
 
+mod framing;
+mod pose;
+mod schema;
+
 const POINT: AnatomicalPoint = AnatomicalPoint { ap_mm: -1.5, ml_mm: 20.25, si_mm: 1400.0 };
 
 const POSE: MeasuredPose = MeasuredPose {
@@ -259,28 +263,6 @@ fn every_message_comes_back_through_datagram_and_frame() {
 }
 
 #[test]
-fn a_packet_that_ends_in_zero_needs_its_room_too() {
-    let mut ends_in_zero = 0;
-    for id in 0..2_000 {
-        let message = Message::Command(Command { id, action: Action::SendHello, is_forced: false });
-        let mut packet = [0; PACKET_BYTES_MAX];
-        ends_in_zero +=
-            usize::from(encode_datagram(None, &message, &mut packet).unwrap().last() == Some(&0));
-        let mut buffer = [0; FRAME_BYTES_MAX];
-        let length = encode_frame(None, &message, &mut buffer).unwrap().len();
-        for short in 0..length {
-            assert_eq!(
-                encode_frame(None, &message, &mut buffer[..short]),
-                Err(EncodeError),
-                "{id}"
-            );
-        }
-    }
-    // One checksum in 256 does.
-    assert!(ends_in_zero > 0);
-}
-
-#[test]
 fn the_longest_packets_keep_their_bounds() {
     // Every field of a pose packet has a fixed width once it is there, so that
     // the packet with everything there is the longest.
@@ -309,159 +291,6 @@ fn the_longest_packets_keep_their_bounds() {
             let mut buffer = [0; 256];
             assert_eq!(encode_datagram(None, &message, &mut buffer[..short]), Err(EncodeError));
         }
-    }
-}
-
-#[test]
-fn the_longest_packet_gives_the_longest_frame() {
-    for byte in [0, 1] {
-        let packet = [byte; PACKET_BYTES_MAX + 1];
-        let length = |packet| frame_packet(packet, &mut [0; 2 * FRAME_BYTES_MAX]).unwrap().len();
-        assert_eq!(length(&packet[1..]), FRAME_BYTES_MAX);
-        // Without a zero in it, a longer packet needs a second byte of COBS.
-        assert_eq!(length(&packet), FRAME_BYTES_MAX + if byte == 0 { 1 } else { 2 });
-    }
-}
-
-#[test]
-fn a_line_that_was_reopened_begins_without_the_rest_of_a_frame() {
-    let message = Message::Pose(pose(2));
-    let whole = frame(&message);
-    let mut deframer = Deframer::<FRAME_BYTES_MAX>::new();
-    let arrived = Ok(packet(message));
-    for (before, after, outcome) in [
-        (&whole[..0], &whole[..], arrived.clone()),
-        (&whole[..60], &whole[..], arrived),
-        // Of the frame after it, only the end arrives.
-        (&whole[..60], &whole[60..], Err(PacketError::Fragment)),
-    ] {
-        assert!(!deframer.is_synchronised());
-        deframer.push(before, |outcome| panic!("{outcome:?} without a delimiter"));
-        deframer.restart();
-        let mut outcomes = StdVec::new();
-        deframer.push(after, |outcome| outcomes.push(outcome));
-        assert_eq!(outcomes, [outcome]);
-        assert!(deframer.is_synchronised());
-        deframer.restart();
-    }
-}
-
-#[test]
-fn the_schema_hash_is_this_one_and_follows_the_shape() {
-    // When this fails, a message has changed its shape, and boxes and hosts
-    // must be updated together. Then write the new number here.
-    assert_eq!(format!("{SCHEMA_HASH:08x}"), "d7043a3d");
-
-    mod changed {
-        use super::*;
-        #[derive(Schema)]
-        pub struct Base {
-            _a: u8,
-            _b: Option<[f32; 3]>,
-        }
-        #[derive(Schema)]
-        pub struct Swapped {
-            _b: Option<[f32; 3]>,
-            _a: u8,
-        }
-        #[derive(Schema)]
-        pub struct Renamed {
-            _a: u8,
-            _c: Option<[f32; 3]>,
-        }
-        #[derive(Schema)]
-        pub struct Longer {
-            _a: u8,
-            _b: Option<[f32; 4]>,
-        }
-        #[derive(Schema)]
-        pub struct Wider {
-            _a: u16,
-            _b: Option<[f32; 3]>,
-        }
-        #[derive(Schema)]
-        pub enum Two {
-            _A,
-            _B,
-        }
-        #[derive(Schema)]
-        pub enum Three {
-            _A,
-            _B,
-            _C,
-        }
-    }
-    let hashes = [
-        schema_hash::<changed::Base>(&[]),
-        schema_hash::<changed::Swapped>(&[]),
-        schema_hash::<changed::Renamed>(&[]),
-        schema_hash::<changed::Longer>(&[]),
-        schema_hash::<changed::Wider>(&[]),
-        schema_hash::<changed::Two>(&[]),
-        schema_hash::<changed::Three>(&[]),
-        schema_hash::<changed::Base>(&[1]),
-        schema_hash::<changed::Base>(&[2]),
-    ];
-    for (index, hash) in hashes.iter().enumerate() {
-        assert!(!hashes[..index].contains(hash), "{index}");
-    }
-}
-
-/// The schema is derived from the types, the bytes from their serde
-/// implementations; where serde is told to go through a twin, both must name
-/// the same one. This walks the schema over the bytes.
-#[test]
-fn the_schema_describes_the_bytes() {
-    for message in longest_messages() {
-        let packet = datagram(&message);
-        let body = &packet[BODY_AT..packet.len() - 4];
-        let mut rest = body;
-        walk(Message::SCHEMA.ty, &mut rest);
-        assert!(rest.is_empty(), "{} bytes are not in the schema", rest.len());
-    }
-}
-
-fn take(bytes: &mut &[u8], count: usize) {
-    *bytes = &bytes[count..];
-}
-
-fn varint(bytes: &mut &[u8]) -> usize {
-    let (value, rest) = postcard::take_from_bytes::<u64>(bytes).unwrap();
-    *bytes = rest;
-    value as usize
-}
-
-fn walk(ty: &postcard_schema::schema::DataModelType, bytes: &mut &[u8]) {
-    use postcard_schema::schema::{DataModelType as Ty, DataModelVariant as Variant};
-    match ty {
-        Ty::U8 | Ty::I8 | Ty::Bool => take(bytes, 1),
-        Ty::U16 | Ty::U32 | Ty::U64 | Ty::I16 => {
-            varint(bytes);
-        }
-        Ty::F32 => take(bytes, 4),
-        Ty::String => {
-            let length = varint(bytes);
-            take(bytes, length);
-        }
-        Ty::Option(inner) => {
-            let some = bytes[0] == 1;
-            take(bytes, 1);
-            if some {
-                walk(inner.ty, bytes);
-            }
-        }
-        Ty::Seq(inner) => (0..varint(bytes)).for_each(|_| walk(inner.ty, bytes)),
-        Ty::Tuple(inner) => inner.iter().for_each(|inner| walk(inner.ty, bytes)),
-        Ty::Struct(fields) => fields.iter().for_each(|field| walk(field.ty.ty, bytes)),
-        Ty::Enum(variants) => match variants[varint(bytes)].ty {
-            Variant::UnitVariant => (),
-            Variant::NewtypeVariant(inner) => walk(inner.ty, bytes),
-            Variant::TupleVariant(inner) => inner.iter().for_each(|inner| walk(inner.ty, bytes)),
-            Variant::StructVariant(fields) => {
-                fields.iter().for_each(|field| walk(field.ty.ty, bytes));
-            }
-        },
-        other => panic!("no message uses {other:?} yet"),
     }
 }
 
@@ -571,40 +400,6 @@ fn what_people_read_of_a_fault_says_which_it_is() {
 }
 
 #[test]
-fn a_target_was_exposed_later_than_its_frame_began() {
-    assert_eq!(POSE.own_time_ns(1_000_000_000), 1_007_654_321);
-    assert_eq!(POSE.own_time_ns(u64::MAX), u64::MAX);
-}
-
-#[test]
-fn a_packet_was_handed_over_its_latency_after_its_capture_time() {
-    for (capture_time_ns, latency_us, handed_over_ns) in [
-        (1_000_000_000, 0, 1_000_000_000),
-        (1_000_000_000, 1_500, 1_001_500_000),
-        (0, u32::MAX, 4_294_967_295_000),
-        // It wraps.
-        (u64::MAX, 1, 999),
-    ] {
-        let packet = PosePacket { capture_time_ns, latency_us, ..pose(1) };
-        assert_eq!(packet.handed_over_ns(), handed_over_ns);
-    }
-}
-
-#[test]
-fn a_pose_is_found_by_the_role_of_its_target() {
-    let mut packet = pose(3);
-    packet.targets[0].pose = Err(NoPose::Searching);
-    let scene = packet.targets.pop().unwrap();
-    let lower = MeasuredPose { corners: 7, ..POSE };
-    packet.targets[1].pose = Ok(lower);
-    assert_eq!(packet.pose(Role::Lower), Some(&lower));
-    assert_eq!(packet.pose(Role::Upper), None);
-    assert_eq!(packet.pose(Role::Scene), None);
-    packet.targets.push(scene).unwrap();
-    assert_eq!(packet.pose(Role::Scene), Some(&POSE));
-}
-
-#[test]
 fn only_these_requests_change_the_box() {
     let changing: StdVec<_> = longest_messages()
         .into_iter()
@@ -670,56 +465,6 @@ fn a_packet_says_which_start_of_a_box_it_is_of() {
         };
         assert_eq!((by_box, by_host), (as_box, as_host), "{message:?}");
     }
-}
-
-#[test]
-fn standard_deviations_are_rounded_and_saturate() {
-    let sent_mm = [0.01234, 6.5535, 7.0];
-    let mut packet = pose(1);
-    packet.targets[0].pose = Ok(MeasuredPose { sd_mm: sent_mm, rms_px: f32::NAN, ..POSE });
-    let Ok(Packet { message: Message::Pose(back), .. }) =
-        decode_datagram(&datagram(&Message::Pose(packet)))
-    else {
-        panic!("a pose packet was sent");
-    };
-    let back = back.targets[0].pose.unwrap();
-    assert_eq!(back.sd_mm, [0.0123, 6.5535, 6.5535]);
-    assert_eq!(back.rms_px, 6.5535);
-    let largest = [SD_STEP_MM, RMS_STEP_PX].map(|step| (65_535.0 * step) as f32);
-    assert_eq!(largest, [back.sd_mm[2], back.rms_px]);
-}
-
-#[test]
-fn a_covariance_comes_back_to_its_steps() {
-    let mut covariance = nalgebra::Matrix6::zeros();
-    let sd = [1.2e-4, 0.9e-4, 3.4e-5, 0.004, 0.005, 0.031];
-    for (i, j) in (0..6).flat_map(|i| (0..6).map(move |j| (i, j))) {
-        let correlation = if i == j { 1.0 } else { 0.9 / (1.0 + (i + j) as f64) };
-        covariance[(i, j)] = correlation * sd[i] * sd[j];
-    }
-    let measurement = crate::fit::measure::Measurement {
-        cam_from_target: crate::model::pose::Pose::identity(),
-        delay_ns: 0,
-        covariance,
-        rms_px: 0.05,
-        corners: 30,
-        corners_total: 30,
-    };
-    let mut packet = pose(1);
-    packet.targets[0].pose = Ok((&measurement).into());
-    let Ok(Packet { message: Message::Pose(back), .. }) =
-        decode_datagram(&datagram(&Message::Pose(packet)))
-    else {
-        panic!("a pose packet was sent");
-    };
-    let back = back.targets[0].pose.unwrap().covariance();
-    for (i, j) in (0..6).flat_map(|i| (0..6).map(move |j| (i, j))) {
-        // Half a step of a correlation, 0.004, and half a step of each deviation: 1.4 %
-        // of the smallest turn, 1.3 % of the smallest distance.
-        let error = (back[(i, j)] - covariance[(i, j)]).abs() / (sd[i] * sd[j]);
-        assert!(error < 0.04, "{error} at {i}, {j}");
-    }
-    assert_eq!(back, back.transpose());
 }
 
 #[test]
