@@ -6,7 +6,6 @@
 //! it clears that flag before it starts anything. What hangs is reset by the watchdog.
 
 use std::io::Read as _;
-use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::thread;
@@ -23,7 +22,7 @@ use plumbline_update::sign::{self, SigningKey, signed};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::machine::{HOST, Host, Machine, PATIENCE, Parts, VIRT, image, read};
+use crate::machine::{HOST, Host, Machine, PATIENCE, Parts, VIRT, image, read, wait_for_packet};
 use crate::pi::{chosen, place};
 use crate::scene::{self, SCENE, file_on, run};
 use common::{binary, keys};
@@ -156,14 +155,6 @@ impl Ward {
         self.start();
     }
 
-    /// Waits until the box measures.
-    fn wait_for_pose(&mut self) {
-        let port = self.port;
-        let socket = UdpSocket::bind(("127.0.0.1", port)).expect("the port is free");
-        socket.set_read_timeout(Some(PATIENCE)).expect("a timeout");
-        socket.recv(&mut [0; 512]).expect("the box speaks");
-    }
-
     /// Has `plumb update` send this file, while the firmware does its part; its exit code, and what it
     /// says.
     fn update(&mut self, file: &str) -> (Option<i32>, String) {
@@ -233,7 +224,7 @@ fn slot_with(directory: &Path, words: &str) -> Vec<u8> {
 fn a_box_takes_what_is_signed_for_it_and_stays_with_what_has_shown_that_it_works() {
     let mut ward = Ward::new();
     ward.start();
-    ward.wait_for_pose();
+    wait_for_packet(ward.port);
     assert_refused(&mut ward);
     assert_leads_back(&mut ward, "hangs.plu", "plumbline.hang_after=10", NEVER_CAME);
     ward.make("good.plu", "", |_| {}, &key());
@@ -248,7 +239,7 @@ fn a_box_takes_what_is_signed_for_it_and_stays_with_what_has_shown_that_it_works
     ward.cut_power();
     ward.start();
     assert_eq!(ward.slot, Slot::B);
-    ward.wait_for_pose();
+    wait_for_packet(ward.port);
 }
 
 #[test]
@@ -256,7 +247,7 @@ fn a_box_takes_what_is_signed_for_it_and_stays_with_what_has_shown_that_it_works
 fn a_system_that_does_not_work_leads_back_to_the_one_before() {
     let mut ward = Ward::new();
     ward.start();
-    ward.wait_for_pose();
+    wait_for_packet(ward.port);
     // It has no camera: the program that plays one is not started.
     let blind = "the camera has given 0 of 30 frames";
     assert_leads_back(&mut ward, "blind.plu", "rdinit=/init", blind);
@@ -305,7 +296,7 @@ fn assert_leads_back(ward: &mut Ward, name: &str, words: &str, why: &str) {
     assert!(code == Some(2) && said.contains(why), "{name}: {said}");
     // Once for the try, and once for the way back.
     assert_eq!((ward.slot, ward.starts - starts), (slot, 2), "{name}");
-    ward.wait_for_pose();
+    wait_for_packet(ward.port);
 }
 
 /// How often the power is cut.
@@ -319,7 +310,7 @@ fn a_hundred_power_cuts_while_a_box_is_updated_leave_a_box_that_measures() {
     let mut ward = Ward::new();
     ward.make("good.plu", "", |_| {}, &key());
     ward.start();
-    ward.wait_for_pose();
+    wait_for_packet(ward.port);
     // How long the whole takes says when to cut.
     let begun = Instant::now();
     let (code, said) = ward.update("good.plu");
@@ -336,7 +327,7 @@ fn a_hundred_power_cuts_while_a_box_is_updated_leave_a_box_that_measures() {
         let _ = plumb.kill();
         let _ = plumb.wait();
         ward.start();
-        ward.wait_for_pose();
+        wait_for_packet(ward.port);
         stayed += usize::from(ward.slot == before);
         println!("cut {cut} after {:.1} s: {}", moment.as_secs_f64(), ward.slot);
     }

@@ -3,7 +3,6 @@
 //! what stands in front of the camera is rendered.
 
 use std::collections::BTreeMap;
-use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Vector3, Vector6};
@@ -17,7 +16,7 @@ use plumbline_test_support::free_port;
 use plumbline_trial::journal::{Content, Reader};
 use plumbline_trial::names;
 
-use crate::machine::{HOST, Host, Machine, PATIENCE, Parts, image};
+use crate::machine::{HOST, Host, Machine, Parts, image, wait_for_packet};
 use crate::scene::{self, FRAMES, SCENE};
 use common::binary;
 use common::photographer::{photographs, posed};
@@ -102,13 +101,6 @@ impl Ward {
         binary::plumb_judges_in(self.directory.path(), &arguments)
     }
 
-    /// Waits until the box speaks: it takes a while to boot, and the programs do not wait so long.
-    fn wait_for_the_box(&self) {
-        let socket = UdpSocket::bind(("127.0.0.1", self.port)).expect("the port is free");
-        socket.set_read_timeout(Some(PATIENCE)).expect("a timeout");
-        socket.recv(&mut [0; 512]).expect("the box speaks");
-    }
-
     fn frames(&self, name: &str, poses: &[Pose<Cam, Target>]) -> PathBuf {
         let all: Vec<u8> = posed(SCENE.simulation.camera(), &board(), poses, 2)
             .into_iter()
@@ -151,7 +143,7 @@ fn from_a_printed_sheet_to_the_sway_of_a_person() {
     let shown: Vec<u8> = shown.into_iter().flat_map(|photograph| photograph.samples).collect();
     std::fs::write(ward.path("board.grey"), shown).expect("the frames are written");
     let (machine, _host) = ward.switch_on(&ward.path("board.grey"));
-    ward.wait_for_the_box();
+    wait_for_packet(ward.port);
     ward.plumb_here("aim --stills photos --count 12 --every 1 --board 9x6", "--udp");
     drop(machine);
     let photographs: Vec<String> = (1..=12).map(|n| format!("photos/still-{n:02}.png")).collect();
@@ -164,7 +156,7 @@ fn from_a_printed_sheet_to_the_sway_of_a_person() {
     let upright = simulation.config().cam_from_scene().expect("the simulation has a scene");
     let stands = Pose::<Cam, Target>::new(upright.rotation, upright.translation_mm);
     let (machine, _host) = ward.switch_on(&ward.frames("standing.grey", &[stands; 12]));
-    ward.wait_for_the_box();
+    wait_for_packet(ward.port);
     ward.plumb_here(
         "provision --camera camera.toml --targets targets.toml --box box.toml --send",
         "--via-udp",
@@ -177,7 +169,7 @@ fn from_a_printed_sheet_to_the_sway_of_a_person() {
 
     // A person.
     let (machine, _host) = ward.switch_on(&SCENE.frames_disk);
-    ward.wait_for_the_box();
+    wait_for_packet(ward.port);
     ward.plumb_here("receive --anyway --frames 150 --out received", "--udp");
     let (code, said) = ward.doctor();
     let failed: Vec<&str> = said.lines().filter_map(|line| line.strip_prefix("FAIL  ")).collect();

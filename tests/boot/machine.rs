@@ -310,6 +310,21 @@ pub fn wait_for<T>(seen: &Mutex<Seen>, what: &str, find: impl Fn(&Seen) -> Optio
     }
 }
 
+/// Waits until the box speaks at this port: it takes a while to boot, and the programs do not wait so
+/// long.
+///
+/// # Panics
+/// When it never does.
+pub fn wait_for_packet(port: u16) {
+    let socket = UdpSocket::bind(("127.0.0.1", port)).expect("the port is free");
+    socket.set_read_timeout(Some(WAIT)).expect("a time-out");
+    let give_up = Instant::now() + PATIENCE;
+    // A wait may end early: a program that was stopped and goes on is interrupted in it.
+    while socket.recv(&mut [0; 512]).is_err() {
+        assert!(Instant::now() < give_up, "the box never speaks at port {port}");
+    }
+}
+
 pub fn read(path: &Path) -> Vec<u8> {
     std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }

@@ -39,6 +39,9 @@ pub const SILENT_AFTER: Duration = Duration::from_secs(3);
 /// Every box has sent a Hello by then: it does once a second.
 const NAMED_WITHIN: Duration = Duration::from_millis(1200);
 
+/// No look at what came takes so long, unless the whole program was stopped meanwhile.
+const STOPPED_AFTER: Duration = Duration::from_millis(500);
+
 /// What to do when no box is heard.
 pub const NOT_HEARD_REMEDY: &str = "check that the box is on, and that it sends to this \
     computer's address and port (or on this line, at this rate); stop another `plumb` that \
@@ -115,18 +118,24 @@ impl BoxLink {
         self.kind
     }
 
-    /// Hands what comes to `take`, until it has found something or until `until`.
+    /// Hands what comes to `take`, until it has found something or until `until`. Time in which the
+    /// program did not run (a closed lid, a machine that is suspended) is not listened in, and so does
+    /// not count.
     ///
     /// # Errors
     /// When the link can no longer be used.
     pub fn listen<T>(
         &mut self,
-        until: Instant,
+        mut until: Instant,
         mut take: impl FnMut(&Event) -> Option<T>,
     ) -> Result<Option<T>, BadInput> {
         let mut found = None;
         let Self { transport, heard, others, .. } = self;
-        while found.is_none() && Instant::now() < until {
+        while found.is_none() {
+            let looked = Instant::now();
+            if looked >= until {
+                break;
+            }
             transport.poll(&mut |event| {
                 match &event {
                     Event::Packet(packet) if is_of_box(&packet.message) => {
@@ -141,6 +150,7 @@ impl BoxLink {
                     found = take(&event);
                 }
             })?;
+            until += looked.elapsed().saturating_sub(STOPPED_AFTER);
         }
         Ok(found)
     }

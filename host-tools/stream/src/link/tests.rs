@@ -110,3 +110,29 @@ fn what_has_fallen_silent_is_not_said_to_be_heard() {
     let silent = "the box has fallen silent: nothing heard from it for 4 s";
     assert!(text(&link).contains(silent), "{}", text(&link));
 }
+
+#[test]
+fn a_program_that_was_stopped_listens_for_the_time_that_is_left() {
+    /// Its first look lasts as long as the program is stopped in it; what then comes, the next brings.
+    struct StoppedOnce(Duration, bool);
+    impl Transport for StoppedOnce {
+        fn poll(&mut self, take: &mut dyn FnMut(Event)) -> Result<(), BadInput> {
+            if std::mem::replace(&mut self.1, true) {
+                take(fixture::event(Message::Hello(hello("ward 3"))));
+            } else {
+                std::thread::sleep(self.0);
+            }
+            Ok(())
+        }
+        fn send(&mut self, _: &Message) {}
+    }
+    let listen = |for_ms, stopped_ms| {
+        let transport = Box::new(StoppedOnce(Duration::from_millis(stopped_ms), false));
+        let mut link = BoxLink::new(transport, "here".into(), LinkKind::Udp);
+        link.wait_until_heard_within(Duration::from_millis(for_ms)).is_ok()
+    };
+    // 1,000 ms were asked for, of which 500 may pass in one look.
+    assert!(listen(1_000, 1_500));
+    // A look that takes its time is not a stop, and bounds what is waited.
+    assert!(!listen(300, 400));
+}
