@@ -3,7 +3,7 @@
 //!
 //! Discovery by LSL stays on this computer and at ports that belong to a test: see [`Lab`].
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, ErrorKind};
 use std::net::{SocketAddr, TcpStream, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -148,8 +148,16 @@ fn every_frame_reaches_everybody_and_the_recording_is_whole() {
     let idle = TcpStream::connect(address).unwrap();
     let heard = thread::spawn(move || {
         let mut bytes = [0; 2048];
-        let packets =
-            std::iter::from_fn(|| osc.recv(&mut bytes).ok().map(|it| bytes[..it].to_vec()));
+        let packets = std::iter::from_fn(|| {
+            loop {
+                match osc.recv(&mut bytes) {
+                    Ok(length) => return Some(bytes[..length].to_vec()),
+                    // The program was stopped, and goes on.
+                    Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                    Err(_) => return None,
+                }
+            }
+        });
         packets.filter(|it| it.starts_with(b"#bundle\0")).count()
     });
 

@@ -1,6 +1,6 @@
 //! A page, as the server sees it: requests, and a WebSocket.
 
-use std::io::{Read, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
@@ -241,7 +241,14 @@ pub fn hear(socket: &mut WebSocket<TcpStream>, is: &str) -> Value {
     let start = Instant::now();
     loop {
         assert!(start.elapsed() < PATIENCE, "no {is}");
-        if let Message::Text(text) = socket.read().unwrap() {
+        let heard = match socket.read() {
+            // The program was stopped, and goes on.
+            Err(tungstenite::Error::Io(error)) if error.kind() == ErrorKind::Interrupted => {
+                continue;
+            }
+            heard => heard.unwrap(),
+        };
+        if let Message::Text(text) = heard {
             let message: Value = serde_json::from_str(&text).unwrap();
             if message["is"] == is {
                 return message;
