@@ -95,7 +95,7 @@ impl Detector {
     }
 }
 
-/// A corner located again in a picture of the same scene: `corner` is good to 2 px, as one is that
+/// A corner located again in a picture of the same scene: `corner` is good to 1 px, as one is that
 /// was found at half the size. `None` where the picture does not show it.
 pub fn refined<P: Pixel>(image: &GreyImage<'_, P>, corner: &Corner) -> Option<Corner> {
     let [x, y] = corner.position_px.map(|px| px + 0.5);

@@ -481,6 +481,45 @@ fn wherever_a_picture_is_split_no_corner_is_lost_or_found_twice() {
     }
 }
 
+#[test]
+fn a_corner_is_located_again_from_a_pixel_away_unless_it_is_another() {
+    let board = Board::new([4, 3], [80.3, 60.6], 20.0, 0.3, 0.5, 0.02);
+    let picture = render([160, 120], &[board], 0.5, 0.005, 9);
+    let bytes: Vec<u8> = samples(&picture, 160, 0, 255);
+    let image = GreyImage::new(&bytes, 160, 120, 160).unwrap();
+    let corners = detect(&image);
+    assert_eq!(corners.as_slice().len(), 12);
+    for corner in corners.as_slice() {
+        let [x, y] = corner.position_px;
+        for [dx, dy] in [[0.0, 0.0], [1.0, 0.0], [-0.7, 0.7], [0.0, -1.0], [0.7, 0.7]] {
+            let near = Corner { position_px: [x + dx, y + dy], ..*corner };
+            let again = refined(&image, &near).expect("it is there");
+            let apart = again.position_px.map(f64::from);
+            let apart = (apart[0] - f64::from(x)).hypot(apart[1] - f64::from(y));
+            // The largest of the windows begins at another pixel: as accurate as a corner is.
+            assert!(apart < 0.5, "{dx} {dy}: {apart} {corner:?} {again:?}");
+        }
+        for edge in 0..2 {
+            // The sines of these are 0.14 and 0.48, and a direction is good to 0.09.
+            for (turn_rad, is_the_same) in
+                [(0.14, true), (-0.14, true), (0.5, false), (-0.5, false)]
+            {
+                let mut turned = *corner;
+                turned.edges_rad[edge] += turn_rad;
+                assert_eq!(
+                    refined(&image, &turned).is_some(),
+                    is_the_same,
+                    "{turn_rad} {corner:?}"
+                );
+            }
+        }
+        for place in [[-0.6, y], [x, -0.6], [159.5, y], [x, 119.5], [f32::NAN, y], [x, f32::NAN]] {
+            let outside = Corner { position_px: place, ..*corner };
+            assert!(refined(&image, &outside).is_none(), "{place:?}");
+        }
+    }
+}
+
 /// What lies beyond the frame does not matter: a window that touches its border shows the same
 /// corner as one inside a larger frame.
 #[test]
