@@ -39,7 +39,7 @@ pub const SILENT_AFTER: Duration = Duration::from_secs(3);
 /// Every box has sent a Hello by then: it does once a second.
 const NAMED_WITHIN: Duration = Duration::from_millis(1200);
 
-/// No look at what came takes so long, unless the whole program was stopped meanwhile.
+/// To look at what came takes less, unless the program was stopped meanwhile.
 const STOPPED_AFTER: Duration = Duration::from_millis(500);
 
 /// What to do when no box is heard.
@@ -119,8 +119,7 @@ impl BoxLink {
     }
 
     /// Hands what comes to `take`, until it has found something or until `until`. Time in which the
-    /// program did not run (a closed lid, a machine that is suspended) is not listened in, and so does
-    /// not count.
+    /// program did not run, because it or its machine was stopped, does not count.
     ///
     /// # Errors
     /// When the link can no longer be used.

@@ -496,11 +496,11 @@ fn a_corner_is_located_again_from_a_pixel_away_unless_it_is_another() {
             let again = refined(&image, &near).expect("it is there");
             let apart = again.position_px.map(f64::from);
             let apart = (apart[0] - f64::from(x)).hypot(apart[1] - f64::from(y));
-            // The largest of the windows begins at another pixel: as accurate as a corner is.
+            // Both are good to a quarter of a pixel.
             assert!(apart < 0.5, "{dx} {dy}: {apart} {corner:?} {again:?}");
         }
         for edge in 0..2 {
-            // The sines of these are 0.14 and 0.48, and a direction is good to 0.09.
+            // Their sines are 0.14 and 0.48; up to 0.26 counts as the same, and a direction is good to 0.09.
             for (turn_rad, is_the_same) in
                 [(0.14, true), (-0.14, true), (0.5, false), (-0.5, false)]
             {
