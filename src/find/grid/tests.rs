@@ -36,11 +36,22 @@ impl Scene {
         Self { bytes, corners: corners.as_slice().to_vec() }
     }
 
+    fn image(&self) -> GreyImage<'_, u8> {
+        GreyImage::new(&self.bytes, SIZE[0], SIZE[1], SIZE[0]).unwrap()
+    }
+
     fn find(&self, wanted: &[GridShape]) -> Vec<Result<Grid, GridRejection>> {
-        let image = GreyImage::new(&self.bytes, SIZE[0], SIZE[1], SIZE[0]).unwrap();
+        self.find_where(FrameBorder::OutsideBoard, wanted)
+    }
+
+    fn find_where(
+        &self,
+        border: FrameBorder,
+        wanted: &[GridShape],
+    ) -> Vec<Result<Grid, GridRejection>> {
         let mut found = std::vec![Err(GridRejection::NoLattice); wanted.len()];
         let mut finder = Box::new(GridFinder::new());
-        finder.find(&image, &self.corners, wanted, FrameBorder::OutsideBoard, &mut found);
+        finder.find(&self.image(), &self.corners, wanted, border, &mut found);
         found
     }
 
@@ -255,9 +266,45 @@ fn a_board_cut_by_the_frame_is_never_a_smaller_one() {
 }
 
 #[test]
+fn a_frame_that_cuts_the_columns_squares_hides_no_row() {
+    // The corners of column 0 can be detected; one more column to their left could not.
+    let shape = GridShape { columns: 6, rows: 4 };
+    let board = Board::new([6, 4], [12.0 + 2.5 * 22.0, 150.0], 22.0, 0.0, 0.0, 0.0);
+    let scene = Scene::new(core::slice::from_ref(&board), 10);
+    let beside = |other| scene.find_where(FrameBorder::MayCutBoard, &[shape, other]).swap_remove(0);
+    scene.assert_is(&beside(GridShape { columns: 6, rows: 5 }), &board);
+    let longer = beside(GridShape { columns: 7, rows: 4 });
+    assert_eq!(longer, Err(GridRejection::Cut));
+    assert_eq!(scene.find(&[shape])[0], Err(GridRejection::Cut));
+}
+
+#[test]
+fn squares_go_on_beyond_a_line_inside_a_board_and_not_beyond_its_border() {
+    for (seed, turn_deg) in (0..360_u32).step_by(360 / repetitions(12)).enumerate() {
+        let (turn_rad, tilt_rad) = (f64::from(turn_deg).to_radians(), [0.0, 0.5, 0.9][seed % 3]);
+        let board = Board::new([8, 6], [210.0, 150.0], 20.0, turn_rad, tilt_rad, 0.02);
+        let scene = Scene::new(core::slice::from_ref(&board), seed as u64);
+        let (image, corners) = (scene.image(), &scene.corners[..]);
+        let mut lattice = Box::new(Lattice::new());
+        lattice.start(corners);
+        let seed = scene.index_at(board.corner_px(3, 3)) as u16;
+        let bounds = lattice.grow(corners, seed, Least::Target).unwrap();
+        for border in bounds.borders() {
+            let smaller = bounds.without(&border).unwrap();
+            let mut lines = smaller.borders().into_iter();
+            let inner = lines.find(|line| line.outwards == border.outwards).unwrap();
+            let goes_on = |line| beyond::squares_go_on(&image, &lattice, corners, line);
+            let outwards = border.outwards;
+            assert!(goes_on(&inner), "{turn_deg} degrees, inside, {outwards:?}");
+            assert!(!goes_on(&border), "{turn_deg} degrees, at the border, {outwards:?}");
+        }
+    }
+}
+
+#[test]
 fn hostile_corners_are_survived() {
     let scene = Scene::new(&[], 7);
-    let image = GreyImage::new(&scene.bytes, SIZE[0], SIZE[1], SIZE[0]).unwrap();
+    let image = scene.image();
     let mut random = crate::find::corner::tests::Random(8);
     let mut finder = Box::new(GridFinder::new());
     let corner = |position_px, angle: f32| Corner {
