@@ -18,6 +18,7 @@ pub mod accounting;
 pub mod bad_packets;
 pub mod clock;
 pub mod complaints;
+mod deadline;
 #[cfg(any(test, feature = "fixture"))]
 pub mod fixture;
 pub mod link;

@@ -13,6 +13,7 @@ use plumbline::packet::{
 use plumbline_files::BadInput;
 
 use crate::complaints::Complaints;
+use crate::deadline::Deadline;
 use crate::others::{self, Others, is_same_box};
 use crate::questions::Questions;
 use crate::transport::{Event, Transport};
@@ -38,9 +39,6 @@ pub const SILENT_AFTER: Duration = Duration::from_secs(3);
 
 /// Every box has sent a Hello by then: it does once a second.
 const NAMED_WITHIN: Duration = Duration::from_millis(1200);
-
-/// To look at what came takes less, unless the program was stopped meanwhile.
-const STOPPED_AFTER: Duration = Duration::from_millis(500);
 
 /// What to do when no box is heard.
 pub const NOT_HEARD_REMEDY: &str = "check that the box is on, and that it sends to this \
@@ -118,38 +116,36 @@ impl BoxLink {
         self.kind
     }
 
-    /// Hands what comes to `take`, until it has found something or until `until`. Time in which the
-    /// program did not run, because it or its machine was stopped, does not count.
+    /// Hands what comes to `take`, until it has found something or until `until`: see [`Deadline`].
     ///
     /// # Errors
     /// When the link can no longer be used.
     pub fn listen<T>(
         &mut self,
-        mut until: Instant,
+        until: Instant,
         mut take: impl FnMut(&Event) -> Option<T>,
     ) -> Result<Option<T>, BadInput> {
-        let mut found = None;
+        let (mut deadline, mut found) = (Deadline::at(until), None);
         let Self { transport, heard, others, .. } = self;
         while found.is_none() {
-            let looked = Instant::now();
-            if looked >= until {
-                break;
-            }
-            transport.poll(&mut |event| {
-                match &event {
-                    Event::Packet(packet) if is_of_box(&packet.message) => {
-                        *heard = Some(Instant::now());
+            let looked = deadline.look(|| {
+                transport.poll(&mut |event| {
+                    match &event {
+                        Event::Packet(packet) if is_of_box(&packet.message) => {
+                            *heard = Some(Instant::now());
+                        }
+                        Event::Other { from, name, announcement } => {
+                            let _ = others.take(*from, name.as_deref(), announcement);
+                        }
+                        _ => {}
                     }
-                    Event::Other { from, name, announcement } => {
-                        let _ = others.take(*from, name.as_deref(), announcement);
+                    if found.is_none() {
+                        found = take(&event);
                     }
-                    _ => {}
-                }
-                if found.is_none() {
-                    found = take(&event);
-                }
-            })?;
-            until += looked.elapsed().saturating_sub(STOPPED_AFTER);
+                })
+            });
+            let Some(polled) = looked else { break };
+            polled?;
         }
         Ok(found)
     }

@@ -14,6 +14,7 @@ use plumbline::seal::{
 };
 use plumbline_files::BadInput;
 
+use crate::deadline::Deadline;
 use crate::link::{HEARD_WITHIN, NOT_HEARD_REMEDY};
 use crate::text;
 use crate::transport::{
@@ -121,20 +122,17 @@ impl UpdateLink {
     /// # Errors
     /// When no box is heard, it does not answer, or the link can no longer be used.
     pub fn ask(&mut self, step: &UpdateStep) -> Result<Answer, BadInput> {
-        let give_up = Instant::now() + HEARD_WITHIN;
+        let mut heard = Deadline::after(HEARD_WITHIN);
         while self.peer().is_none() {
-            if Instant::now() >= give_up {
-                return Err(self.not_heard());
-            }
-            self.poll()?;
+            heard.look(|| self.poll()).ok_or_else(|| self.not_heard())??;
         }
         let first = self.last_id.wrapping_add(1);
         for _ in 0..TRIES {
             self.last_id = self.last_id.wrapping_add(1);
             self.send(UpdateRequest { id: self.last_id, step: step.clone() });
-            let until = Instant::now() + ANSWER_WITHIN;
-            while Instant::now() < until {
-                for (start, UpdateReply { id, version, outcome }) in self.poll()? {
+            let mut answer = Deadline::after(ANSWER_WITHIN);
+            while let Some(replies) = answer.look(|| self.poll()) {
+                for (start, UpdateReply { id, version, outcome }) in replies? {
                     if id.wrapping_sub(first) < TRIES as u16 {
                         self.answered = Some(Instant::now());
                         let version = version.as_str().to_owned();
