@@ -1,8 +1,9 @@
 //! A source file with many of its mutants at once: each function has its own body and those of its mutants
-//! as the arms of one `match`, and which one runs is chosen when the program starts.
+//! as the arms of one `match`, and which one runs is chosen when the program starts. A function's number is
+//! that of its first mutant.
 //!
 //! ```text
-//! fn twice(x: u8) -> u8 {          fn twice(x: u8) -> u8 { match crate::the_mutant() {
+//! fn twice(x: u8) -> u8 {          fn twice(x: u8) -> u8 { match crate::the_mutant(7) {
 //!     2 * x                        7 => { 2 + x }
 //! }                                8 => { 2 / x }
 //!                                  _ => { 2 * x }
@@ -15,20 +16,41 @@ use anyhow::{Context, Result};
 
 use super::list::{Mutant, Place, Span};
 
-/// What is appended to a crate's root: the number of the mutant that runs, 0 for none.
+/// Most mutants of a crate that are compiled together.
+pub const TOGETHER_MAX: usize = 16_384;
+
+/// What is appended to a crate's root: the number of the mutant that runs, 0 for none. Where a file is named
+/// for it, a function writes its number into that when it is first called; without a heap, on which some
+/// tests keep an eye.
 pub const CHOICE: &str = r#"
 #[doc(hidden)]
-pub fn the_mutant() -> u32 {
+pub fn the_mutant(function: u32) -> u32 {
     extern crate std as the_library;
-    static CHOSEN: the_library::sync::OnceLock<u32> = the_library::sync::OnceLock::new();
+    use the_library::{fs::File, io::Write, sync::OnceLock, sync::atomic::{AtomicBool, Ordering}};
+    static REACHED: OnceLock<Option<File>> = OnceLock::new();
+    static IS_REACHED: [AtomicBool; 16_384] = [const { AtomicBool::new(false) }; 16_384];
+    static CHOSEN: OnceLock<u32> = OnceLock::new();
+    let reached = REACHED.get_or_init(|| {
+        the_library::env::var_os("PLUMBLINE_REACHED").map(|path| File::create(path).unwrap())
+    });
+    if let Some(mut file) = reached.as_ref() {
+        if !IS_REACHED[function as usize].swap(true, Ordering::Relaxed) {
+            file.write_all(&function.to_le_bytes()).unwrap();
+        }
+        return 0;
+    }
     *CHOSEN.get_or_init(|| {
         the_library::env::var("PLUMBLINE_MUTANT").map_or(0, |text| text.parse().unwrap_or(0))
     })
 }
 "#;
 
-/// The variable of the environment from which it is taken.
-pub const VARIABLE: &str = "PLUMBLINE_MUTANT";
+/// The variable of the environment that says which mutant runs.
+pub const MUTANT: &str = "PLUMBLINE_MUTANT";
+
+/// The variable of the environment that names the file for the functions that are reached; no mutant runs
+/// then.
+pub const REACHED: &str = "PLUMBLINE_REACHED";
 
 /// A function in a file that was made.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -37,6 +59,13 @@ pub struct Choice {
     pub lines: Range<usize>,
     /// The lines of each mutant, by number.
     pub arms: Vec<(u32, Range<usize>)>,
+}
+
+impl Choice {
+    /// The function's number.
+    pub fn function(&self) -> u32 {
+        self.arms[0].0
+    }
 }
 
 /// The text of a file with all these mutants, which are [`is_chosen_at_start`], by number; and its functions
@@ -49,7 +78,7 @@ pub fn with_all(source: &str, mutants: &[(u32, &Mutant)]) -> Result<(String, Vec
         let body = body(source, function.clone())
             .with_context(|| format!("{}: no body", members[0].1.name))?;
         text += &source[done..body.start];
-        text += "{ match crate::the_mutant() {\n";
+        text += &format!("{{ match crate::the_mutant({}) {{\n", members[0].0);
         let (begin, mut arms) = (line_of_end(&text), Vec::new());
         for (number, mutant) in members {
             let changed = lines.range(mutant.span)?;
@@ -229,7 +258,7 @@ const fn three() -> u8 { 1 + 2 }
         let expected = "\
 /// Twice {µ}.
 #[must_use = \"{\"]
-fn twice(x: [u8; { 1 }]) -> u8 { match crate::the_mutant() {
+fn twice(x: [u8; { 1 }]) -> u8 { match crate::the_mutant(7) {
 7 => {
     fn one() -> u8 { 1 }
     2  +  x[0] * one()
@@ -262,6 +291,13 @@ const fn three() -> u8 { 1 + 2 }
         let mut opaque = twice;
         opaque.function.as_mut().unwrap().return_type = "-> impl Iterator".into();
         assert!(!is_chosen_at_start(SOURCE, &opaque));
+    }
+
+    #[test]
+    fn each_function_of_a_batch_has_its_place_among_those_that_are_reached() {
+        let places = format!("static IS_REACHED: [AtomicBool; {TOGETHER_MAX}]");
+        assert!(CHOICE.replace('_', "").contains(&places.replace('_', "")));
+        assert!([MUTANT, REACHED].iter().all(|it| CHOICE.contains(&format!("\"{it}\""))));
     }
 
     #[test]

@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::PathBuf;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::thread;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -13,6 +13,7 @@ use super::arms::{self, Choice};
 use super::build::{Built, CompilerError, build};
 use super::ledger::{Ledger, Outcome};
 use super::list::Mutant;
+use super::survey::Survey;
 use super::tree::Tree;
 use super::trial::{Tests, Verdict};
 use super::{Area, Package, Suite};
@@ -20,6 +21,9 @@ use crate::command::root;
 
 /// The lines of functions that are compiled together: as many as the compiler takes a minute for.
 const LINES_MAX: usize = 12_000;
+
+// A mutant takes a line at least.
+const _: () = assert!(LINES_MAX < arms::TOGETHER_MAX);
 
 /// Where mutants are tried.
 pub struct Workshop<'a> {
@@ -38,6 +42,8 @@ struct Batch<'a> {
 /// A batch whose tests can be run.
 struct Compiled {
     program: PathBuf,
+    /// The number of each mutant's function.
+    functions: BTreeMap<u32, u32>,
     /// The numbers of those that do not compile.
     unviable: BTreeSet<u32>,
     /// The numbers of those that do not compile with others.
@@ -101,7 +107,13 @@ impl Workshop<'_> {
                 numbers.push(number);
             }
         }
-        self.try_program(batch, compiled.program, numbers, Limit::Measured, progress)?;
+        self.try_program(
+            batch,
+            compiled.program,
+            numbers,
+            &Reach::Known(compiled.functions),
+            progress,
+        )?;
         self.restore(batch)?;
         Ok(compiled.alone.iter().map(|number| batch.mutant(*number)).collect())
     }
@@ -113,7 +125,7 @@ impl Workshop<'_> {
         self.tree.write(&mutant.file, text.as_bytes())?;
         match build(self.tree, &batch.package.own_suite())? {
             Built::Program(program) => {
-                self.try_program(batch, program, vec![1], Limit::Fixed, progress)?;
+                self.try_program(batch, program, vec![1], &Reach::Unknown, progress)?;
             }
             Built::Errors(_) if self.is_over() => {}
             Built::Errors(_) => progress.add(mutant, Outcome::Unviable)?,
@@ -128,7 +140,13 @@ impl Workshop<'_> {
             let is_left = |number: &u32| !unviable.contains(number) && !alone.contains(number);
             let choices = self.write(batch, is_left)?;
             let errors = match build(self.tree, &batch.package.own_suite())? {
-                Built::Program(program) => return Ok(Some(Compiled { program, unviable, alone })),
+                Built::Program(program) => {
+                    let choices = choices.values().flatten();
+                    let functions = choices
+                        .flat_map(|it| it.arms.iter().map(|(number, _)| (*number, it.function())))
+                        .collect();
+                    return Ok(Some(Compiled { program, functions, unviable, alone }));
+                }
                 Built::Errors(_) if self.is_over() => return Ok(None),
                 Built::Errors(errors) => errors,
             };
@@ -192,15 +210,15 @@ impl Workshop<'_> {
         batch: &Batch<'_>,
         program: PathBuf,
         numbers: Vec<u32>,
-        limit: Limit,
+        reach: &Reach,
         progress: &mut Progress<'_>,
     ) -> Result<()> {
         let course = Course {
             workshop: self,
             batch,
-            limit,
+            reach,
             programs: Mutex::new(vec![program]),
-            measured: Mutex::new(BTreeMap::new()),
+            surveys: Mutex::new(Vec::new()),
         };
         let queue = Mutex::new(numbers.into_iter());
         let next = || queue.lock().expect("nobody panics with it").next();
@@ -230,53 +248,80 @@ impl Workshop<'_> {
     }
 }
 
-/// The tests that a mutant of a batch meets until one fails: those of its own part of the crate, then all of
-/// the crate, then those beyond it. What is compiled and measured waits until a mutant comes that far.
+/// The tests that a mutant of a batch meets until one fails: the crate's own, then those beyond it. What is
+/// compiled and surveyed waits until a mutant comes that far.
 struct Course<'a> {
     workshop: &'a Workshop<'a>,
     batch: &'a Batch<'a>,
-    limit: Limit,
+    reach: &'a Reach,
     /// The crate's own tests, and as many of those beyond it as have been compiled.
     programs: Mutex<Vec<PathBuf>>,
-    /// By the place of their program and by what is in their names.
-    measured: Mutex<BTreeMap<(usize, String), Tests>>,
+    /// Of these programs, as many as have been surveyed.
+    surveys: Mutex<Vec<Arc<Survey>>>,
+}
+
+/// Which tests a mutant meets.
+enum Reach {
+    /// Those that reach its function, whose number this tells.
+    Known(BTreeMap<u32, u32>),
+    /// Those of its own part of the crate, then all: a program that has its mutant in place cannot be run
+    /// without it.
+    Unknown,
 }
 
 impl Course<'_> {
     /// What becomes of a mutant; `None` when the run was ended meanwhile.
     fn outcome(&self, number: u32) -> Result<Option<Outcome>> {
-        let of_its_part = part(self.batch.mutant(number));
-        let own = (!of_its_part.is_empty()).then_some((0, of_its_part));
-        let all = (0..=self.batch.package.beyond.len()).map(|place| (place, String::new()));
-        for (place, filter) in own.into_iter().chain(all) {
-            let Some(tests) = self.tests(place, filter)? else { return Ok(None) };
-            match tests.run(number, self.workshop.is_over)? {
-                Verdict::Passed => {}
-                Verdict::Failed => return Ok(Some(Outcome::Caught)),
-                Verdict::TimedOut => return Ok(Some(Outcome::TimedOut)),
-                Verdict::Interrupted => return Ok(None),
+        for place in 0..=self.batch.package.beyond.len() {
+            let Some(tests) = self.tests(place, number)? else { return Ok(None) };
+            for tests in tests {
+                match tests.run(number, self.workshop.is_over)? {
+                    Verdict::Passed => {}
+                    Verdict::Failed => return Ok(Some(Outcome::Caught)),
+                    Verdict::TimedOut => return Ok(Some(Outcome::TimedOut)),
+                    Verdict::Interrupted => return Ok(None),
+                }
             }
         }
         Ok(Some(Outcome::Survived))
     }
 
-    /// The tests of the program at this place that have `filter` in their names.
-    fn tests(&self, place: usize, filter: String) -> Result<Option<Tests>> {
-        let Some(program) = self.program(place)? else { return Ok(None) };
-        let suite = self.suite(place);
-        let mut measured = self.measured.lock().expect("nobody panics with it");
-        let key = (place, filter);
-        if let Some(tests) = measured.get(&key) {
-            return Ok(Some(tests.clone()));
+    /// The tests of the program at this place that a mutant meets, stage by stage; `None` when the run was
+    /// ended meanwhile.
+    fn tests(&self, place: usize, number: u32) -> Result<Option<Vec<Tests>>> {
+        match self.reach {
+            Reach::Known(functions) => {
+                let survey = self.survey(place)?;
+                Ok(survey.map(|survey| survey.reaching(functions[&number])))
+            }
+            Reach::Unknown => {
+                let Some(program) = self.program(place)? else { return Ok(None) };
+                let part = if place == 0 { part(self.batch.mutant(number)) } else { String::new() };
+                let mut parts = vec![part, String::new()];
+                parts.dedup();
+                let tests = |part: &String| Tests::with(&program, &self.directory(place), part);
+                Ok(Some(parts.iter().map(tests).collect()))
+            }
         }
-        let directory = self.workshop.tree.place().join(suite.directory);
-        let tests = Tests::new(&program, &directory, &key.1);
-        let tests = match self.limit {
-            Limit::Measured => tests.measured(self.workshop.is_over)?,
-            Limit::Fixed => tests,
-        };
-        measured.insert(key, tests.clone());
-        Ok(Some(tests))
+    }
+
+    fn survey(&self, place: usize) -> Result<Option<Arc<Survey>>> {
+        let mut surveys = self.surveys.lock().expect("nobody panics with it");
+        while surveys.len() <= place {
+            let next = surveys.len();
+            let Some(program) = self.program(next)? else { return Ok(None) };
+            let Workshop { jobs, is_over, .. } = *self.workshop;
+            match Survey::of(&program, &self.directory(next), jobs, is_over)? {
+                Some(survey) => surveys.push(Arc::new(survey)),
+                None => return Ok(None),
+            }
+        }
+        Ok(Some(Arc::clone(&surveys[place])))
+    }
+
+    /// The directory of the package whose tests are at this place.
+    fn directory(&self, place: usize) -> PathBuf {
+        self.workshop.tree.place().join(self.suite(place).directory)
     }
 
     fn program(&self, place: usize) -> Result<Option<PathBuf>> {
@@ -298,15 +343,6 @@ impl Course<'_> {
             Some(beyond) => self.batch.package.beyond[beyond],
         }
     }
-}
-
-/// The time that tests have.
-#[derive(Clone, Copy)]
-enum Limit {
-    /// Several times what they take without a mutant.
-    Measured,
-    /// The program has its mutant in place, and cannot be run without it.
-    Fixed,
 }
 
 /// Where outcomes are written down, and how far the run is.
@@ -472,7 +508,7 @@ mod tests {
         let batch = Batch { package: &super::super::UPDATE, mutants: mutants.iter().collect() };
         let mut ledger = Ledger::at(folder.path().join("outcomes")).unwrap();
         let mut progress = Progress::new(&mut ledger, mutants.len());
-        workshop.try_program(&batch, program, vec![1, 2], Limit::Fixed, &mut progress).unwrap();
+        workshop.try_program(&batch, program, vec![1, 2], &Reach::Unknown, &mut progress).unwrap();
         assert_eq!(progress.done(), mutants.len());
         assert_eq!(fs::read_to_string(calls).unwrap(), "1 card::\n1 \n2 sign::\n2 \n");
         for mutant in &mutants {

@@ -6,8 +6,8 @@
 //! one takes as long as its tests. Only what is computed while compiling is compiled for each mutant. See
 //! [`arms`].
 //!
-//! A mutant is tried against the tests of its own part of the crate, one that survives against all tests of
-//! the crate, and then against those of other packages that are named here. A survivor is either killed by a
+//! A mutant is tried against the tests of its crate that reach its function, the quickest first, and one that
+//! survives against those of other packages that are named here: see [`survey`]. A survivor is either killed by a
 //! test that was missing, or argued away in `.cargo/mutants.toml`: by a reason why no test can or should
 //! tell.
 //!
@@ -33,6 +33,7 @@ mod batch;
 mod build;
 mod ledger;
 mod list;
+mod survey;
 mod tally;
 mod tree;
 mod trial;

@@ -1,6 +1,9 @@
 //! Runs tests with one mutant, until one fails.
 
+use std::borrow::Cow;
+use std::collections::BTreeSet;
 use std::fs;
+use std::ops::AddAssign;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitStatus;
@@ -8,6 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
+use tempfile::TempDir;
 
 use super::arms;
 use crate::command::Task;
@@ -24,18 +28,42 @@ const MEMORY_KB_MAX: u32 = 4_000_000;
 /// The stack of a test: a function with many arms has a large frame.
 const STACK_BYTES: &str = "67108864";
 
-/// Tests, and how long they take.
+/// Tests of a program, and the time that they have.
 #[derive(Debug, Clone)]
 pub struct Tests {
     program: PathBuf,
     /// The directory of their package.
     directory: PathBuf,
-    /// Those with this in their name.
-    filter: String,
+    /// What the program is told of which tests are meant.
+    which: Vec<String>,
     /// The processor time that they have.
     limit_s: u64,
     /// The time that they have.
     wait_s: u64,
+}
+
+/// How long tests take.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Took {
+    /// Of a processor.
+    pub processor_s: f64,
+    /// With what they wait for.
+    pub all_s: f64,
+}
+
+impl AddAssign for Took {
+    fn add_assign(&mut self, more: Self) {
+        self.processor_s += more.processor_s;
+        self.all_s += more.all_s;
+    }
+}
+
+/// A test that passes without a mutant.
+#[derive(Debug)]
+pub struct Passed {
+    pub took: Took,
+    /// The numbers of the functions that it reaches.
+    pub reached: BTreeSet<u32>,
 }
 
 /// How tests went.
@@ -51,63 +79,90 @@ pub enum Verdict {
 impl Tests {
     /// Those of a program with this in their name; their package has this directory. They have
     /// [`LIMIT_S`].
-    pub fn new(program: &Path, directory: &Path, filter: &str) -> Self {
-        let (program, directory) = (program.to_owned(), directory.to_owned());
+    pub fn with(program: &Path, directory: &Path, part: &str) -> Self {
+        Self::of(program, directory, vec![part.to_owned()])
+    }
+
+    /// Those with these names, which have several times what they take without a mutant.
+    pub fn named(program: &Path, directory: &Path, names: &[&str], took: Took) -> Self {
+        let names = names.iter().map(|name| (*name).to_owned());
+        let which = ["--exact".to_owned()].into_iter().chain(names).collect();
         Self {
-            program,
-            directory,
-            filter: filter.to_owned(),
-            limit_s: LIMIT_S,
-            wait_s: 4 * LIMIT_S,
+            // Processor time does not depend on what else runs on the computer; but who only waits takes
+            // none.
+            limit_s: 5 + (5.0 * took.processor_s) as u64,
+            wait_s: 60 + (5.0 * took.all_s) as u64,
+            ..Self::of(program, directory, which)
         }
     }
 
-    /// Runs them without a mutant: they must pass, and a mutant has several times the processor time, which
-    /// does not depend on what else runs on the computer.
-    pub fn measured(mut self, is_over: &AtomicBool) -> Result<Self> {
-        let (began, mut took_s) = (Instant::now(), 0.0);
+    fn of(program: &Path, directory: &Path, which: Vec<String>) -> Self {
+        let (program, directory) = (program.to_owned(), directory.to_owned());
+        Self { program, directory, which, limit_s: LIMIT_S, wait_s: 4 * LIMIT_S }
+    }
+
+    /// Runs one test without a mutant: it must pass. `None` when the run was ended.
+    pub fn survey(
+        program: &Path,
+        directory: &Path,
+        name: &str,
+        is_over: &AtomicBool,
+    ) -> Result<Option<Passed>> {
+        let tests = Self::of(program, directory, ["--exact", name].map(str::to_owned).to_vec());
+        let folder = temporary()?;
+        let file = folder.path().join("reached");
+        let variable = (arms::REACHED, file.to_string_lossy());
         let timed = format!("TIMEFORMAT='{TOOK}%U %S'; time \"$0\" \"$@\"");
-        let verdict = self.run_by(&timed, 0, is_over, |line| {
+        let (began, mut processor_s) = (Instant::now(), 0.0);
+        let verdict = tests.run_by(&timed, variable, is_over, |line| {
             if let Some(seconds) = line.strip_prefix(TOOK) {
-                took_s = seconds.split(' ').filter_map(|it| it.parse::<f64>().ok()).sum();
+                processor_s = seconds.split(' ').filter_map(|it| it.parse::<f64>().ok()).sum();
             }
         })?;
+        if verdict == Verdict::Interrupted {
+            return Ok(None);
+        }
+        let program = program.display();
         ensure!(
-            matches!(verdict, Verdict::Passed | Verdict::Interrupted),
-            "without a mutant, tests of {} with \"{}\" in their name do not pass",
-            self.program.display(),
-            self.filter
+            verdict == Verdict::Passed,
+            "without a mutant, the test {name} of {program} does not pass"
         );
-        self.limit_s = 5 + (5.0 * took_s) as u64;
-        // Who only waits takes no processor time.
-        self.wait_s = 60 + 5 * began.elapsed().as_secs();
-        Ok(self)
+        let took = Took { processor_s, all_s: began.elapsed().as_secs_f64() };
+        // A test that reaches no function with a mutant makes no file.
+        let bytes = if file.is_file() { fs::read(&file)? } else { Vec::new() };
+        let (numbers, _) = bytes.as_chunks();
+        Ok(Some(Passed {
+            took,
+            reached: numbers.iter().copied().map(u32::from_le_bytes).collect(),
+        }))
     }
 
     /// Runs them with this mutant.
     pub fn run(&self, number: u32, is_over: &AtomicBool) -> Result<Verdict> {
         let limits = format!("ulimit -t {} -v {MEMORY_KB_MAX} && exec \"$0\" \"$@\"", self.limit_s);
-        self.run_by(&limits, number, is_over, |_| {})
+        let number = number.to_string();
+        self.run_by(&limits, (arms::MUTANT, number.into()), is_over, |_| {})
     }
 
     /// Runs them by a line for a shell, and passes on what they say.
     fn run_by(
         &self,
         shell: &str,
-        number: u32,
+        (variable, value): (&str, Cow<'_, str>),
         is_over: &AtomicBool,
         mut read: impl FnMut(&str),
     ) -> Result<Verdict> {
-        let temporary = super::home().join("tmp").join(number.to_string());
-        fs::create_dir_all(&temporary).with_context(|| temporary.display().to_string())?;
+        // A test that is ended leaves its files.
+        let files = temporary()?;
         let task = Task::new("bash")
             .args(["-c", shell])
             .args([&self.program])
-            .args(["--test-threads=1", &self.filter])
-            .env(arms::VARIABLE, &number.to_string())
+            .args(["--test-threads=1"])
+            .args(&self.which)
+            .env(variable, &value)
             .env("RUST_MIN_STACK", STACK_BYTES)
             .env("RUST_BACKTRACE", "0")
-            .env("TMPDIR", &temporary.to_string_lossy())
+            .env("TMPDIR", &files.path().to_string_lossy())
             .env("CARGO_MANIFEST_DIR", &self.directory.to_string_lossy())
             .current_dir(&self.directory);
         let deadline = Instant::now() + Duration::from_secs(self.wait_s);
@@ -120,8 +175,6 @@ impl Tests {
             is_late = Instant::now() > deadline;
             !has_failed && !is_late && !is_over.load(Ordering::Relaxed)
         })?;
-        // A test that was ended leaves its files.
-        let _ = fs::remove_dir_all(&temporary);
         Ok(if has_failed {
             Verdict::Failed
         } else if is_over.load(Ordering::Relaxed) {
@@ -132,6 +185,13 @@ impl Tests {
             verdict(status)
         })
     }
+}
+
+/// A directory for one run of tests.
+fn temporary() -> Result<TempDir> {
+    let place = super::home().join("tmp");
+    fs::create_dir_all(&place).with_context(|| place.display().to_string())?;
+    tempfile::tempdir_in(&place).with_context(|| place.display().to_string())
 }
 
 /// Whether a line of a test program says that a test failed.
@@ -170,13 +230,18 @@ mod tests {
     }
 
     #[test]
-    fn a_mutant_has_several_times_the_processor_time_of_the_tests() {
+    fn a_survey_tells_what_a_test_reaches_and_how_long_it_takes() {
         let folder = tempfile::tempdir().unwrap();
         let is_over = AtomicBool::new(false);
         let spin = "n=0; while [ $n -lt 300000 ]; do n=$((n+1)); done";
-        for (script, is_long) in [("sleep 1.5", false), (spin, true)] {
-            let tests = Tests::new(&program(folder.path(), script), folder.path(), "a::");
-            let tests = tests.measured(&is_over).unwrap();
+        let reach = "printf '\\003\\0\\0\\0\\001\\001\\0\\0' > $PLUMBLINE_REACHED";
+        for (script, is_long, reached) in
+            [("sleep 1.5", false, &[][..]), (&format!("{reach}; {spin}"), true, &[3, 257])]
+        {
+            let program = program(folder.path(), script);
+            let passed = Tests::survey(&program, folder.path(), "a::b", &is_over).unwrap().unwrap();
+            assert!(passed.reached.iter().eq(reached), "{passed:?}");
+            let tests = Tests::named(&program, folder.path(), &["a::b"], passed.took);
             assert!(if is_long { tests.limit_s > 5 } else { tests.limit_s == 5 }, "{tests:?}");
             assert!(is_long || tests.wait_s >= 65, "{tests:?}");
         }
@@ -185,7 +250,7 @@ mod tests {
     fn run(script: &str, limit_s: u64, is_over: bool) -> Verdict {
         let folder = tempfile::tempdir().unwrap();
         let program = program(folder.path(), script);
-        let tests = Tests { limit_s, ..Tests::new(&program, folder.path(), "a::") };
+        let tests = Tests { limit_s, ..Tests::with(&program, folder.path(), "a::") };
         tests.run(u32::MAX, &AtomicBool::new(is_over)).unwrap()
     }
 
@@ -202,11 +267,12 @@ mod tests {
     }
 
     #[test]
-    fn tests_that_fail_without_a_mutant_tell_nothing() {
+    fn a_test_that_fails_without_a_mutant_tells_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let (program, is_over) = (program(folder.path(), "exit 1"), AtomicBool::new(false));
-        let tests = Tests::new(&program, folder.path(), "a::");
-        let error = tests.measured(&is_over).unwrap_err();
-        assert!(error.to_string().contains("\"a::\" in their name do not pass"), "{error}");
+        let error = Tests::survey(&program, folder.path(), "a::b", &is_over).unwrap_err();
+        assert!(error.to_string().contains("the test a::b"), "{error}");
+        is_over.store(true, Ordering::Relaxed);
+        assert!(Tests::survey(&program, folder.path(), "a::b", &is_over).unwrap().is_none());
     }
 }
