@@ -277,8 +277,8 @@ impl Descent {
             return Err(SolveFailure::TooFew);
         }
         let Self { pose, squares, normal } = self;
-        let start_sum = pose.rotation.sum() + pose.translation_mm.sum();
-        if !start_sum.is_finite() || !observations.are_finite() {
+        let sums = [pose.rotation.sum(), pose.translation_mm.sum()];
+        if !sums.into_iter().all(f64::is_finite) || !observations.are_finite() {
             return Err(SolveFailure::NotFinite);
         }
 
@@ -362,10 +362,9 @@ impl Descent {
         let [least, most] = [observed_variance - by_chance, observed_variance + by_chance];
         let misfit = 1.0_f64.max(least).min(most).max(MISFIT_MIN);
         let covariance = covariance.ok_or(SolveFailure::Degenerate)? * misfit;
-        let finite =
-            (covariance.sum() + pose.rotation.sum() + pose.translation_mm.sum()).is_finite();
+        let sums = [covariance.sum(), pose.rotation.sum(), pose.translation_mm.sum()];
         // The input was finite, so that only a nearly singular system overflows.
-        if !finite {
+        if !sums.into_iter().all(f64::is_finite) {
             return Err(SolveFailure::Degenerate);
         }
         let scale = libm::sqrt(variance);

@@ -5,6 +5,9 @@ use crate::fit::planar::{SeenCorner, planar_poses};
 use crate::model::pose::vector_from_rotation;
 use crate::test_support::{Random, SeenCorners, bedside_lens, observe, repetitions};
 
+mod costs;
+mod steps;
+
 const LUMBAR: [u8; 2] = [6, 5];
 const SHOULDER: [u8; 2] = [5, 4];
 
@@ -335,6 +338,9 @@ fn what_cannot_be_solved_has_a_reason() {
     let mut nowhere = tilted();
     nowhere.translation_mm.x = f64::NAN;
     assert_eq!(refused(&nowhere, &good), SolveFailure::NotFinite);
+    let mut turned_nowhere = tilted();
+    turned_nowhere.rotation[(1, 2)] = f64::INFINITY;
+    assert_eq!(refused(&turned_nowhere, &good), SolveFailure::NotFinite);
     let spoilt = |spoil: fn(&mut SeenCorner)| {
         let mut seen = good.clone();
         spoil(&mut seen[7]);
