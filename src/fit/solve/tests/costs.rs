@@ -70,6 +70,14 @@ fn the_cost_after_a_step_is_that_of_the_pose_to_which_it_leads() {
     assert!((after - wrong - 56.0).abs() < 4.0 * 2.0 * libm::sqrt(28.0), "{after}");
 }
 
+/// Six of the numbers were fitted, which makes residuals smaller than the noise.
+#[test]
+fn the_scale_makes_up_for_what_was_fitted() {
+    let squares = Squares([8.0; 5].into_iter().collect());
+    let expected = 8.0 / MEDIAN_SQUARE * (10.0 / 4.0);
+    assert!((squares.robust_variance() / expected - 1.0).abs() < 1e-12);
+}
+
 #[test]
 fn what_is_not_seen_has_no_cost() {
     let seen = boasting();

@@ -99,6 +99,20 @@ fn the_covariance_is_that_at_the_pose_which_was_reached() {
     assert_eq!(counted.jacobians.get(), 1);
 }
 
+#[test]
+fn numbers_in_units_of_different_size_are_not_taken_for_degenerate() {
+    let units = Vector6::new(1e-4, 1.0, 1e4, 1e3, 1e-3, 10.0);
+    let of_units = |i: usize, j: usize| if i == j { 2.0 } else { 0.5 };
+    let matrix = Matrix6::from_fn(|i, j| of_units(i, j) * units[i] * units[j]);
+    let inverse = NormalEquations { matrix, gradient: Vector6::zeros() }.inverse().unwrap();
+    let product = matrix * inverse;
+    for (i, j) in (0..6).flat_map(|i| (0..6).map(move |j| (i, j))) {
+        let one = if i == j { 1.0 } else { 0.0 };
+        // Rounding, of a matrix whose largest eigenvalue is three times its smallest.
+        assert!((product[(i, j)] * units[j] / units[i] - one).abs() < 1e-14, "{i} {j}");
+    }
+}
+
 /// A start from which the whole step leads too far is followed with more and more damping.
 #[test]
 fn a_step_that_was_undone_is_tried_again_with_more_damping() {
