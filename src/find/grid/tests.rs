@@ -287,8 +287,8 @@ fn squares_go_on_beyond_a_line_inside_a_board_and_not_beyond_its_border() {
         let (image, corners) = (scene.image(), &scene.corners[..]);
         let mut lattice = Box::new(Lattice::new());
         lattice.start(corners);
-        let seed = scene.index_at(board.corner_px(3, 3)) as u16;
-        let bounds = lattice.grow(corners, seed, Least::Target).unwrap();
+        let middle = scene.index_at(board.corner_px(3, 3)) as u16;
+        let bounds = lattice.grow(corners, middle, Least::Target).unwrap();
         for border in bounds.borders() {
             let smaller = bounds.without(&border).unwrap();
             let mut lines = smaller.borders().into_iter();

@@ -6,10 +6,10 @@
 //! one takes as long as its tests. Only what is computed while compiling is compiled for each mutant. See
 //! [`arms`].
 //!
-//! A mutant is tried against the tests of its crate that reach its function, the quickest first, and one that
-//! survives against those of other packages that are named here: see [`survey`]. A survivor is either killed by a
-//! test that was missing, or argued away in `.cargo/mutants.toml`: by a reason why no test can or should
-//! tell.
+//! A mutant is tried against the tests of its crate that reach its function, the quickest first; one that
+//! survives also against those of other packages that are named here: see [`survey`]. One that is compiled by
+//! itself meets the tests of its own part of the crate, and then all. A survivor is either killed by a test
+//! that was missing, or argued away in `.cargo/mutants.toml`: by a reason why no test can or should tell.
 //!
 //! ```text
 //! target/mutants/tree         a copy of the sources, with mutants
