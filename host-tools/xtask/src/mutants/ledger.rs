@@ -2,8 +2,8 @@
 //! when a run is ended. It is kept with the sources, beside the list that is made of it: hours of trying
 //! count on every computer.
 //!
-//! An outcome counts as long as the mutant's file is the same, tests beside the code included. A survivor
-//! does not count: it is tried again in each run, since a test elsewhere may have come that tells.
+//! An outcome counts as long as the code of the mutant's file is the same; the tests at its end may grow. A
+//! survivor does not count: it is tried again in each run, since a test may have come that tells.
 
 use std::collections::BTreeMap;
 use std::fs::{self, OpenOptions};
@@ -34,7 +34,7 @@ pub enum Outcome {
 /// What has been tried.
 pub struct Ledger {
     path: PathBuf,
-    /// By sum of the file and name of the mutant.
+    /// By sum of the file's code and name of the mutant.
     outcomes: BTreeMap<(String, String), Outcome>,
     /// The sums of the files that were asked about.
     sums: BTreeMap<String, String>,
@@ -91,11 +91,16 @@ impl Ledger {
         if let Some(sum) = self.sums.get(file) {
             return Ok(sum.clone());
         }
-        let bytes = fs::read(root().join(file)).with_context(|| file.to_owned())?;
-        let sum = sums::sha256(&bytes)[..16].to_owned();
+        let text = fs::read_to_string(root().join(file)).with_context(|| file.to_owned())?;
+        let sum = sums::sha256(code(&text).as_bytes())[..16].to_owned();
         self.sums.insert(file.to_owned(), sum.clone());
         Ok(sum)
     }
+}
+
+/// A file's text without the tests at its end.
+fn code(text: &str) -> &str {
+    text.find("\n#[cfg(test)]\nmod tests {").map_or(text, |end| &text[..end])
 }
 
 #[cfg(test)]
@@ -118,6 +123,15 @@ mod tests {
         let [caught, survived] = [0, 1].map(|at| as_it_is.lines().nth(at).unwrap());
         assert_eq!(text, format!("{survived}\n{caught}\n"));
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn tests_at_the_end_of_a_file_are_not_its_code() {
+        let inside = "fn a() {}\n\n#[cfg(test)]\nfn b() {}\n";
+        assert_eq!(code(inside), inside);
+        let elsewhere = "fn a() {}\n\n#[cfg(test)]\nmod tests;\n";
+        assert_eq!(code(elsewhere), elsewhere);
+        assert_eq!(code("fn a() {}\n\n#[cfg(test)]\nmod tests {\n}\n"), "fn a() {}\n");
     }
 
     #[test]
