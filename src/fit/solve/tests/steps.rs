@@ -140,6 +140,59 @@ fn a_step_that_was_undone_is_tried_again_with_more_damping() {
     assert_eq!(lowered, undone);
 }
 
+/// Corners of which the first steps, so many, are said to lead behind the camera.
+struct Refusing<'a> {
+    seen: &'a [SeenCorner],
+    /// How often the residuals are still to be asked for until it refuses, and then how often it does.
+    refused: Cell<core::ops::Range<usize>>,
+}
+
+impl Observations for Refusing<'_> {
+    fn count(&self) -> usize {
+        self.seen.count()
+    }
+
+    fn are_finite(&self) -> bool {
+        self.seen.are_finite()
+    }
+
+    fn residuals(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+        visit: impl FnMut(usize, [f64; 2]),
+    ) -> Option<()> {
+        let refused = self.refused.take();
+        let is_refused = refused.contains(&0);
+        self.refused.set(refused.start.saturating_sub(1)..refused.end.saturating_sub(1));
+        if is_refused { None } else { self.seen.residuals(cam_from_target, visit) }
+    }
+
+    fn residuals_with_jacobian(
+        &self,
+        cam_from_target: &Pose<Cam, Target>,
+        visit: impl FnMut(usize, &[f64; 2], &[[f64; 6]; 2]),
+    ) -> Option<()> {
+        self.seen.residuals_with_jacobian(cam_from_target, visit)
+    }
+}
+
+/// Where the corners are linear in the pose, a step leaves a share of the way that grows as the damping.
+#[test]
+fn each_step_that_is_undone_raises_the_damping_tenfold() {
+    let mut random = Random::new(25);
+    let seen = observe(&bedside_lens(), &tilted(), LUMBAR, 0.0, &mut random);
+    let start = tilted().moved_by(&Vector6::new(1e-5, -1e-5, 1e-5, 1e-2, -1e-2, 1e-2));
+    let left_mm = |undone: usize| {
+        let seen = Refusing { seen: &seen, refused: Cell::new(1..1 + undone) };
+        let found = solve(&start, &seen, undone + 1).unwrap().cam_from_target;
+        (found.translation_mm - tilted().translation_mm).norm()
+    };
+    let [less, more] = [0, 1].map(left_mm);
+    // A little less than ten: with a damping of 1e-3, already a twentieth of what is left to go is taken.
+    let ratio = more / less;
+    assert!((9.0..=10.0).contains(&ratio), "{less} {more}");
+}
+
 /// Each step that is taken divides the damping by ten, and with it what the next one leaves.
 #[test]
 fn the_damping_falls_with_each_step() {
