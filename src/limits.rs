@@ -99,3 +99,62 @@ pub const RING_PACKETS: usize = 12_288;
 /// the first two weeks. Packets of three targets are kept for two thirds of that, and at 60 Hz any
 /// are kept for much longer.
 pub const RING_BYTES: usize = 12_000 * 192;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The shapes of all grids that a target can have.
+    fn shapes() -> impl Iterator<Item = [usize; 2]> {
+        (3..=TARGET_CORNERS_MAX)
+            .flat_map(|columns| (3..=TARGET_CORNERS_MAX / columns).map(move |rows| [columns, rows]))
+    }
+
+    /// The edges of a grid, each between two neighbouring squares of different colour, counted one by
+    /// one. Around the squares of the grid is white paper.
+    fn edges([columns, rows]: [usize; 2], first_square_dark: bool) -> usize {
+        let is_dark = |column: usize, row: usize| {
+            let is_square = (1..=columns + 1).contains(&column) && (1..=rows + 1).contains(&row);
+            is_square && ((column + row).is_multiple_of(2) == first_square_dark)
+        };
+        let mut count = 0;
+        for (column, row) in
+            (0..=columns + 1).flat_map(|it| (0..=rows + 1).map(move |row| (it, row)))
+        {
+            let here = is_dark(column, row);
+            count += usize::from(here != is_dark(column + 1, row));
+            count += usize::from(here != is_dark(column, row + 1));
+        }
+        count
+    }
+
+    #[test]
+    fn no_grid_needs_more_room_than_the_longest_one() {
+        let nodes = shapes().map(|[columns, rows]| (columns + 2) * (rows + 2)).max();
+        assert_eq!(nodes, Some(TARGET_NODES_MAX));
+        // Where their number is odd, there is one more of one colour.
+        let squares =
+            shapes().map(|[columns, rows]| ((columns + 1) * (rows + 1)).div_ceil(2)).max();
+        assert_eq!(squares, Some(TARGET_SQUARES_MAX));
+        let edges = shapes().flat_map(|shape| [true, false].map(|dark| edges(shape, dark))).max();
+        assert_eq!(edges, Some(TARGET_EDGES_MAX));
+    }
+
+    #[test]
+    fn twelve_steps_of_a_search_are_a_frame() {
+        for (capacities, frame_pixels) in [(&STANDARD, 1456 * 1088), (&SMALL, 640 * 480)] {
+            let share = (12 * capacities.search_pixels_per_step) as f64 / f64::from(frame_pixels);
+            // 128 KiB is 0.7 % less.
+            assert!((0.99..=1.0).contains(&share), "{share}");
+        }
+    }
+
+    #[test]
+    fn the_ring_holds_a_minute_at_200_hz() {
+        const PACKETS: usize = 60 * 200;
+        assert!(RING_PACKETS >= PACKETS);
+        // With their length; and not a hundredth more than that.
+        let needed = PACKETS * 191;
+        assert!((needed..needed + needed / 100).contains(&RING_BYTES));
+    }
+}

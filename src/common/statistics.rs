@@ -78,6 +78,6 @@ mod tests {
         mean.add(1.0, 3.0);
         mean.add(5.0, 1.0);
         assert!(!mean.is_empty());
-        assert_eq!(mean.value(), 2.0);
+        assert_eq!((mean.value(), mean.weight()), (2.0, 4.0));
     }
 }

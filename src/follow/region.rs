@@ -31,3 +31,55 @@ pub(crate) fn region(
     };
     Some(Area { columns: side(0, lens.width_px())?, rows: side(1, lens.height_px())? })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::lens::{Distortion, Lens};
+    use crate::model::target::{Origin, Role};
+    use crate::test_support::table;
+
+    /// Where a target of 6 x 5 corners is expected whose middle is at this pixel, and whose pitch is
+    /// 12 pixels.
+    fn around([x_px, y_px]: [f64; 2], z_mm: f64) -> Option<Area> {
+        let lens = Lens {
+            width_px: 1456,
+            height_px: 1088,
+            fx_px: 1000.0,
+            fy_px: 1000.0,
+            cx_px: 700.0,
+            cy_px: 500.0,
+            skew_px: 0.0,
+            distortion: Distortion::Radial2([0.0; 2]),
+        };
+        let target =
+            TargetGeometry::checker(6, 5, 12.0, Origin::Center, Role::Lower, [0.0; 3]).unwrap();
+        let pose = Pose::from_theta([0.0, 0.0, 0.0, x_px - 700.0, y_px - 500.0, z_mm]);
+        region(&table(&lens), &target, &pose)
+    }
+
+    /// The grid has 4 squares along its shorter side, so that three are three quarters of each side:
+    /// 45 px beyond the 30 px from the middle to the left and to the right, 36 beyond 24 above and
+    /// below.
+    #[test]
+    fn a_region_has_three_squares_around_the_target() {
+        let area = around([700.5, 500.5], 1000.0);
+        assert_eq!(area, Some(Area { columns: 625..775, rows: 440..560 }));
+    }
+
+    #[test]
+    fn a_region_ends_at_the_frame() {
+        let upper_left = around([10.5, 8.5], 1000.0);
+        assert_eq!(upper_left, Some(Area { columns: 0..85, rows: 0..68 }));
+        let lower_right = around([1450.5, 1080.5], 1000.0);
+        assert_eq!(lower_right, Some(Area { columns: 1375..1456, rows: 1020..1088 }));
+    }
+
+    #[test]
+    fn outside_the_frame_there_is_no_region() {
+        for place_px in [[-110.5, 500.0], [700.0, -80.5], [1540.5, 500.0], [700.0, 1150.5]] {
+            assert_eq!(around(place_px, 1000.0), None, "{place_px:?}");
+        }
+        assert_eq!(around([700.0, 500.0], -1000.0), None);
+    }
+}

@@ -219,7 +219,12 @@ impl<'a, P: Pixel> GreyImage<'a, P> {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
+
+    use std::string::ToString as _;
+
     use super::*;
+    use crate::test_support::Random;
 
     #[test]
     fn sizes_that_do_not_fit_are_refused() {
@@ -268,5 +273,67 @@ mod tests {
         assert_eq!(image.window_centre([5.4, 20.0], 6), None);
         assert_eq!(image.window_centre([f64::NAN, 20.0], 6), None);
         assert_eq!(image.window_centre([20.0, 20.0], 40), None);
+    }
+
+    #[test]
+    fn padding_after_the_last_pixel_is_not_needed() {
+        let pixels = [0_u16; 63 * 70 + 64];
+        let made = |count: usize, white_level: u16| {
+            GreyImage::with_white_level(&pixels[..count], 64, 64, 70, white_level)
+                .map(|image| image.white_level())
+        };
+        assert_eq!(made(pixels.len(), 1023), Ok(1023));
+        assert_eq!(made(pixels.len() - 1, 1023), Err(ImageError::TooShort));
+        assert_eq!(made(pixels.len(), 0), Err(ImageError::WhiteLevel));
+    }
+
+    #[test]
+    fn each_fault_is_told_in_words() {
+        for (error, words) in [
+            (ImageError::Size, "a side of the frame is not within 64 to 4096 px"),
+            (ImageError::Stride, "the stride is shorter than a row"),
+            (ImageError::TooShort, "there are fewer pixels than the rows need"),
+            (ImageError::WhiteLevel, "the white level is 0"),
+        ] {
+            assert_eq!(error.to_string(), words);
+        }
+    }
+
+    #[test]
+    fn a_window_reaches_its_radius_around_the_nearest_pixel() {
+        let pixels = [0_u8; 64 * 80];
+        let image = GreyImage::new(&pixels, 64, 80, 64).unwrap();
+        for (quarters, radius) in
+            (-8_i32..90 * 4).flat_map(|at| [0, 1, 6].map(|radius| (at, radius)))
+        {
+            let position_px = f64::from(quarters) / 4.0;
+            // Half-way between two pixels, the one with the larger number.
+            let nearest = (quarters + 2).div_euclid(4);
+            let wanted = |side: i32| {
+                (nearest - radius >= 0 && nearest + radius < side).then_some(nearest as usize)
+            };
+            let found = |position_px: [f64; 2]| image.window_centre(position_px, radius as usize);
+            assert_eq!(found([position_px, 40.0]).map(|it| it.0), wanted(64), "{position_px}");
+            assert_eq!(found([30.0, position_px]).map(|it| it.1), wanted(80), "{position_px}");
+        }
+    }
+
+    #[test]
+    fn a_mean_is_that_of_nine_pixels() {
+        let mut random = Random::new(1);
+        let pixels: [u16; 70 * 80] = core::array::from_fn(|_| (random.bits() % 1024) as u16);
+        let image = GreyImage::with_white_level(&pixels, 64, 80, 70, 1023).unwrap();
+        for _ in 0..2000 {
+            let (column, row) = (random.bits() as usize % 64, random.bits() as usize % 80);
+            let place = [column as f64, row as f64];
+            let off_px = [random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5)];
+            let mean = image.mean_around([place[0] + off_px[0], place[1] + off_px[1]]);
+            let is_inside = (1..63).contains(&column) && (1..79).contains(&row);
+            let sum = || -> u16 {
+                let row_above = (row - 1) * 70 + column - 1;
+                [0, 1, 2, 70, 71, 72, 140, 141, 142].iter().map(|on| pixels[row_above + on]).sum()
+            };
+            assert_eq!(mean, is_inside.then(|| f32::from(sum()) / 9.0), "{column} {row}");
+        }
     }
 }

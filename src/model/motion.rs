@@ -242,4 +242,21 @@ mod tests {
         assert!(still.continued(pose(1.7), 2 * FRAME_NS).velocity.is_some());
         assert_eq!(still.continued(pose(1.8), 2 * FRAME_NS).velocity, None);
     }
+
+    /// Of a target whose origin is its first corner, 30 mm and 24 mm from its middle.
+    #[test]
+    fn the_middle_must_be_where_it_is_predicted() {
+        let origin = Origin::FirstCorner;
+        let target = TargetGeometry::checker(6, 5, 12.0, origin, Role::Lower, [0.0; 3]).unwrap();
+        let still = motion(0).continued(pose(0.0), FRAME_NS);
+        let identifies =
+            |found: &Pose<Cam, Target>| still.identifies_corners(2 * FRAME_NS, &target, found);
+        assert!(identifies(&pose(-8.4)) && identifies(&pose(8.4)));
+        assert!(!identifies(&pose(-8.6)) && !identifies(&pose(8.6)));
+        // A turn about the origin moves the middle, which is 38.4 mm away: by 8.485 mm at 0.2213 rad.
+        let turned =
+            |angle_rad: f64| pose(0.0).moved_by(&Vector6::new(0.0, 0.0, angle_rad, 0.0, 0.0, 0.0));
+        assert!(identifies(&turned(0.22)) && identifies(&turned(-0.22)));
+        assert!(!identifies(&turned(0.223)) && !identifies(&turned(-0.223)));
+    }
 }

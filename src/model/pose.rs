@@ -276,4 +276,47 @@ mod tests {
             assert!((back - vector).norm() < 1e-14 + 1e-9 * size, "{size}");
         }
     }
+
+    /// Only the difference of theta1 and theta3 counts at +90 degrees, only their sum at -90.
+    #[test]
+    fn at_the_pole_all_that_turns_about_one_axis_is_theta1() {
+        let pole = core::f64::consts::FRAC_PI_2;
+        for (theta2_rad, theta1_rad) in [(pole, 0.3), (-pole, 0.5)] {
+            let angles = EulerAngles { theta1_rad: 0.4, theta2_rad, theta3_rad: 0.1 };
+            let back = EulerAngles::from_rotation(&angles.rotation());
+            assert!((back.theta1_rad - theta1_rad).abs() < 1e-15, "{back:?}");
+            assert_eq!((back.theta2_rad, back.theta3_rad), (theta2_rad, 0.0));
+            // A millionth before the pole, the axes differ; a matrix is good to 1e-16 in 1e-6.
+            let near = EulerAngles { theta2_rad: theta2_rad * (1.0 - 1e-6), ..angles };
+            let back = EulerAngles::from_rotation(&near.rotation());
+            assert!((back.theta1_rad - 0.4).abs() < 1e-9, "{back:?}");
+            assert!((back.theta3_rad - 0.1).abs() < 1e-9, "{back:?}");
+        }
+    }
+
+    /// About the axis (0.6, 0.8, 0) by a: the last row is (-0.8 sin a, 0.6 sin a, cos a), and the
+    /// product of x and y in the first is 0.48 (1 - cos a), which is 0.96 sin^2 (a/2).
+    #[test]
+    fn small_turns_keep_their_digits() {
+        for angle_rad in [0.0, 1e-12, 1e-7, 1e-5, 3e-5, 9.9e-5] {
+            let turn = rotation_from_vector(&(Vector3::new(0.6, 0.8, 0.0) * angle_rad));
+            let sine = libm::sin(angle_rad);
+            let half_sine = libm::sin(0.5 * angle_rad);
+            for (place, expected) in [
+                ((2, 0), -0.8 * sine),
+                ((2, 1), 0.6 * sine),
+                ((0, 1), 0.96 * half_sine * half_sine),
+                ((1, 0), 0.96 * half_sine * half_sine),
+            ] {
+                // Rounding of some four products.
+                let error = (turn[place] - expected).abs();
+                assert!(error <= 1e-15 * expected.abs(), "{angle_rad} {place:?}: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_turn_has_the_vector_zero() {
+        assert_eq!(vector_from_rotation(&Matrix3::identity()), Vector3::zeros());
+    }
 }

@@ -234,6 +234,10 @@ impl TargetGeometry {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
+
+    use std::string::ToString as _;
+
     use super::*;
 
     fn checker(columns: u8, rows: u8, pitch_mm: f64) -> Result<TargetGeometry, TargetError> {
@@ -250,9 +254,27 @@ mod tests {
     }
 
     #[test]
+    fn a_checker_can_be_numbered_from_its_origin() {
+        let origin = Origin::FirstCorner;
+        let made = TargetGeometry::checker(6, 5, 12.0, origin, Role::Upper, [1.0, 2.0, 3.0]);
+        let lumbar = made.unwrap();
+        assert_eq!(lumbar.corner_mm(0), Vector3::zeros());
+        assert_eq!(lumbar.corner_mm(7), Vector3::new(12.0, 12.0, 0.0));
+        assert_eq!(lumbar.corner_mm(29), Vector3::new(60.0, 48.0, 0.0));
+        assert_eq!(lumbar.middle_mm(), Vector3::new(30.0, 24.0, 0.0));
+        assert_eq!(lumbar.pitch_mm(), 12.0);
+        assert_eq!(lumbar.virtual_point_mm(), Vector3::new(1.0, 2.0, 3.0));
+        assert_eq!(lumbar.shape(), GridShape { columns: 6, rows: 5 });
+    }
+
+    #[test]
     fn only_odd_sums_have_one_orientation() {
-        assert!(!checker(6, 5, 12.0).unwrap().is_symmetric());
-        assert!(checker(9, 7, 20.0).unwrap().is_symmetric());
+        for (columns, rows) in [(6, 5), (5, 6)] {
+            assert!(!checker(columns, rows, 12.0).unwrap().is_symmetric());
+        }
+        for (columns, rows) in [(7, 5), (5, 7), (6, 6)] {
+            assert!(checker(columns, rows, 20.0).unwrap().is_symmetric());
+        }
     }
 
     #[test]
@@ -265,5 +287,54 @@ mod tests {
         assert_eq!(none, Err(TargetError::PointCount));
         let nan = TargetGeometry::checker(6, 5, 12.0, Origin::Center, Role::Upper, [f64::NAN; 3]);
         assert_eq!(nan, Err(TargetError::PointValue));
+    }
+
+    #[test]
+    fn the_smallest_and_the_largest_grid_are_tracked() {
+        let longest = (TARGET_CORNERS_MAX / 3) as u8;
+        for (columns, rows) in [(3, 3), (longest, 3), (3, longest)] {
+            let target = checker(columns, rows, 12.0).unwrap();
+            assert_eq!(target.corner_count(), target.columns() * target.rows());
+            assert_eq!(checker(columns, 2, 12.0), Err(TargetError::GridSize));
+            assert_eq!(checker(2, rows, 12.0), Err(TargetError::GridSize));
+        }
+        for (columns, rows) in [(longest + 1, 3), (3, longest + 1)] {
+            assert_eq!(checker(columns, rows, 12.0), Err(TargetError::GridSize));
+        }
+    }
+
+    #[test]
+    fn the_pitch_and_the_points_have_bounds() {
+        for (allowed_mm, refused_mm) in [(0.5, 0.5_f64.next_down()), (500.0, 500_f64.next_up())] {
+            assert_eq!(checker(3, 3, allowed_mm).unwrap().pitch_mm(), allowed_mm);
+            assert_eq!(checker(3, 3, refused_mm), Err(TargetError::Pitch));
+        }
+        let refused = Err(TargetError::PointValue);
+        for far_mm in [10_000.0, -10_000.0, f64::NAN] {
+            let [near, far] =
+                [10_000_f64.next_down().copysign(far_mm), far_mm].map(|z_mm| [0.0, 0.0, z_mm]);
+            let made = |point_mm: [f64; 3], virtual_point_mm: [f64; 3]| {
+                let points_mm = core::iter::repeat_n(point_mm, 9);
+                TargetGeometry::from_points(3, 3, points_mm, Role::Lower, virtual_point_mm)
+                    .map(|target| (target.corner_mm(8), target.virtual_point_mm()))
+            };
+            assert_eq!(made(near, near), Ok((near.into(), near.into())));
+            assert_eq!(made(far, near), refused);
+            assert_eq!(made(near, far), refused);
+        }
+    }
+
+    #[test]
+    fn each_fault_is_told_in_words() {
+        let corners = std::format!("at most {TARGET_CORNERS_MAX} corners");
+        for (error, words) in [
+            (TargetError::GridSize, "at least 3 columns and 3 rows"),
+            (TargetError::GridSize, &corners),
+            (TargetError::Pitch, "pitch must lie between 0.5 mm and 500 mm"),
+            (TargetError::PointCount, "measured points must be columns x rows"),
+            (TargetError::PointValue, "finite and within 10 m of the origin"),
+        ] {
+            assert!(error.to_string().contains(words), "{error}");
+        }
     }
 }

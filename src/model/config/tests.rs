@@ -9,6 +9,9 @@ use crate::model::lens::Distortion;
 use crate::model::target::Origin;
 use crate::test_support::repetitions;
 
+mod bounds;
+mod words;
+
 fn target(name: &str, columns: u8, rows: u8, role: Role) -> TargetConfig {
     let geometry =
         TargetGeometry::checker(columns, rows, 12.0, Origin::Center, role, [0.0, 0.0, 100.0]);
@@ -106,6 +109,18 @@ fn a_config_comes_back_and_its_checksum_names_it() {
     assert_ne!(other.crc(), config.crc());
     assert_eq!(config.target(Role::Lower).unwrap().name, "lumbar");
     assert_eq!(config.target(Role::Scene), None);
+}
+
+#[test]
+fn the_scenes_pose_is_that_of_its_six_numbers() {
+    let mut config = config();
+    let theta = config.cam_from_scene().unwrap().theta();
+    // The angles go through a rotation matrix.
+    let is_near = |(is, from): (f64, f64)| (is - from).abs() < 1e-15;
+    assert!(theta.into_iter().zip([0.0, 0.1, -0.2]).all(is_near), "{theta:?}");
+    assert_eq!(theta[3..], [10.0, 400.0, 1500.0]);
+    config.cam_from_scene_theta = None;
+    assert_eq!(config.cam_from_scene(), None);
 }
 
 /// A format's number is its place in the enumeration: new ones go to the end, and the blobs on
