@@ -280,3 +280,28 @@ fn the_map_back_takes_a_quarter_of_the_room() {
     let cells = LENS_TABLE_CELLS * LENS_TABLE_CELLS;
     assert_eq!(size_of::<LensTable>(), 128 * (cells + cells / 4) + 2 * 32 + 8);
 }
+
+/// A distorted length of r - r^3 / 3, which grows up to r = 1: 0.3 pixels beyond the last pixel.
+#[test]
+fn a_lens_that_folds_beyond_the_frame_is_only_too_steep() {
+    let f_px = (libm::hypot(63.0, 63.0) + 0.3) / (2.0 / 3.0);
+    let lens = Lens {
+        width_px: 64,
+        height_px: 64,
+        fx_px: f_px,
+        fy_px: f_px,
+        cx_px: 0.0,
+        cy_px: 0.0,
+        skew_px: 0.0,
+        distortion: Distortion::Radial2([-1.0 / 3.0, 0.0]),
+    };
+    assert_eq!(lens.check(), Ok(()));
+    let mut table = Box::new(LensTable::new());
+    assert_eq!(table.fill(&lens), Err(LensError::Table));
+}
+
+#[test]
+fn a_table_knows_the_frame() {
+    let table = table(&bedside_lens());
+    assert_eq!((table.width_px(), table.height_px()), (1456, 1088));
+}
