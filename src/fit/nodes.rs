@@ -419,6 +419,8 @@ mod tests {
     use crate::model::target::{Origin, Role};
     use crate::test_support::{bedside_lens, table};
 
+    mod grid;
+
     fn target() -> TargetGeometry {
         TargetGeometry::checker(3, 4, 12.0, Origin::Center, Role::Upper, [0.0; 3]).unwrap()
     }

@@ -371,6 +371,8 @@ mod tests {
     use crate::model::pose::{rotation_from_vector, vector_from_rotation};
     use crate::test_support::{Random, bedside_lens, observe};
 
+    mod steps;
+
     fn angle_deg(a: &Pose<Cam, Target>, b: &Pose<Cam, Target>) -> f64 {
         vector_from_rotation(&a.rotation.tr_mul(&b.rotation)).norm().to_degrees()
     }

@@ -52,6 +52,7 @@ pub fn extent_is_certain(target: &TargetGeometry, used: u128) -> bool {
 mod tests {
     use super::*;
     use crate::model::target::{Origin, Role};
+    use crate::test_support::Random;
 
     #[test]
     fn an_extent_is_certain_only_with_all_four_borders() {
@@ -65,5 +66,47 @@ mod tests {
         assert!(!extent_is_certain(&target, all & !(0b11110 << 15)));
         // A hole in the middle does not matter.
         assert!(extent_is_certain(&target, all & !(0b01110 << 5)));
+    }
+
+    #[test]
+    fn half_of_the_corners_of_each_border_line_are_needed() {
+        let mut random = Random::new(1);
+        let (mut certain, mut uncertain) = (0, 0);
+        for [columns, rows] in [[5, 4], [4, 5], [3, 3], [6, 7]] {
+            let target =
+                TargetGeometry::checker(columns, rows, 12.0, Origin::Center, Role::Upper, [0.0; 3])
+                    .unwrap();
+            let [columns, rows] = [columns, rows].map(usize::from);
+            for _ in 0..500 {
+                // Each corner is seen with a probability of three quarters.
+                let used = u128::from(random.bits() | random.bits());
+                let seen = |place: &usize| used & (1 << place) != 0;
+                let is_half = |line: &mut dyn Iterator<Item = usize>, length: usize| {
+                    line.filter(seen).count() >= length.div_ceil(2)
+                };
+                let last = columns * rows;
+                let expected = is_half(&mut (0..columns), columns)
+                    && is_half(&mut (last - columns..last), columns)
+                    && is_half(&mut (0..last).step_by(columns), rows)
+                    && is_half(&mut (columns - 1..last).step_by(columns), rows);
+                assert_eq!(extent_is_certain(&target, used), expected, "{columns} {rows} {used:b}");
+                *(if expected { &mut certain } else { &mut uncertain }) += 1;
+            }
+        }
+        assert!(certain > 100 && uncertain > 100, "{certain} {uncertain}");
+    }
+
+    #[test]
+    fn a_corner_is_displaced_by_the_mean_of_its_edges_of_each_direction() {
+        let mut met = Crossing::default();
+        assert_eq!(met.edges(), 0);
+        met.add(Direction::X, 0.5);
+        met.add(Direction::X, 0.25);
+        met.add(Direction::Y, -1.0);
+        assert_eq!(met.edges(), 3);
+        assert_eq!(met.square_px2(), 0.375 * 0.375 + 1.0);
+        met.add(Direction::Y, 0.5);
+        assert_eq!(met.edges(), 4);
+        assert_eq!(met.square_px2(), 0.375 * 0.375 + 0.25 * 0.25);
     }
 }

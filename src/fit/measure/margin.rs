@@ -86,7 +86,103 @@ fn alternates(places: impl Iterator<Item = Option<[f32; 2]>>) -> bool {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
     use super::*;
+    use crate::model::lens::{Distortion, Lens};
+    use crate::model::pose::{Cam, Pose, Target};
+    use crate::model::target::{Origin, Role, TargetGeometry};
+    use crate::test_support::table;
+
+    const WIDTH: usize = 200;
+    const HEIGHT: usize = 160;
+
+    /// A pixel in squares, of 20 pixels: 5 columns and 4 rows of them are the target's, from (0, 0) on.
+    fn in_squares([column, row]: [usize; 2]) -> [f64; 2] {
+        [(column as f64 - 50.0) / 20.0, (row as f64 - 40.0) / 20.0]
+    }
+
+    /// The nodes of these squares.
+    fn nodes() -> Nodes {
+        let lens = Lens {
+            width_px: WIDTH as u16,
+            height_px: HEIGHT as u16,
+            fx_px: 1000.0,
+            fy_px: 1000.0,
+            // The middle of the target.
+            cx_px: 100.0,
+            cy_px: 80.0,
+            skew_px: 0.0,
+            distortion: Distortion::Radial2([0.0; 2]),
+        };
+        let target =
+            TargetGeometry::checker(4, 3, 20.0, Origin::Center, Role::Upper, [0.0; 3]).unwrap();
+        let pose = Pose::<Cam, Target>::from_theta([0.0, 0.0, 0.0, 0.0, 0.0, 1000.0]);
+        let mut nodes = Nodes::new();
+        assert!(nodes.project(&table(&lens), &target, &pose));
+        nodes
+    }
+
+    /// A board of dark and light squares between these places, in squares, on paper.
+    fn goes_on(x: [f64; 2], y: [f64; 2]) -> bool {
+        let pixels: Vec<u8> = (0..HEIGHT)
+            .flat_map(|row| (0..WIDTH).map(move |column| in_squares([column, row])))
+            .map(|[at_x, at_y]| {
+                let is_inside = (x[0]..x[1]).contains(&at_x) && (y[0]..y[1]).contains(&at_y);
+                let is_even = (libm::floor(at_x) + libm::floor(at_y)) % 2.0 == 0.0;
+                if is_inside && is_even { 40 } else { 200 }
+            })
+            .collect();
+        let image = GreyImage::new(&pixels, WIDTH, HEIGHT, WIDTH).unwrap();
+        pattern_goes_on(&image, &nodes())
+    }
+
+    #[test]
+    fn a_board_may_go_on_beyond_each_of_the_borders() {
+        assert!(!goes_on([0.0, 5.0], [0.0, 4.0]));
+        // The outermost squares are cut in the middle.
+        assert!(goes_on([-0.5, 5.0], [0.0, 4.0]));
+        assert!(goes_on([0.0, 5.5], [0.0, 4.0]));
+        assert!(goes_on([0.0, 5.0], [-0.5, 4.0]));
+        assert!(goes_on([0.0, 5.0], [0.0, 4.5]));
+        // What is left of them is less than is looked for.
+        assert!(!goes_on([-0.2, 5.2], [-0.2, 4.2]));
+    }
+
+    #[test]
+    fn without_nodes_nothing_goes_on() {
+        let pixels = [128_u8; 64 * 64];
+        let image = GreyImage::new(&pixels, 64, 64, 64).unwrap();
+        assert!(!pattern_goes_on(&image, &Nodes::new()));
+    }
+
+    #[test]
+    fn a_difference_counts_from_a_quarter_of_that_of_the_squares() {
+        // Squares differ by 160, a quarter of which is 40.
+        let border = |steps: &[f32]| {
+            let mut outside = 100.0;
+            let mut square = 40.0;
+            let mut places = std::vec![Some([square, outside])];
+            for step in steps {
+                // The squares become lighter and darker in turn.
+                let sign = if square < 100.0 { 1.0 } else { -1.0 };
+                square += sign * 160.0;
+                outside -= sign * step;
+                places.push(Some([square, outside]));
+            }
+            alternates(places.into_iter())
+        };
+        assert!(border(&[40.5; 3]) && !border(&[39.5; 3]));
+        assert!(!border(&[-40.5; 3]));
+        // Three at least, and three quarters of all.
+        assert!(!border(&[160.0; 2]));
+        assert!(border(&[160.0, 160.0, 160.0, 0.0]));
+        assert!(!border(&[160.0, 160.0, 160.0, 0.0, 0.0]));
+        assert!(border(&[160.0, 160.0, 0.0, 160.0, 160.0]));
+        assert!(!border(&[160.0, 160.0, 160.0, 160.0, 0.0, 0.0]));
+    }
 
     #[test]
     fn what_goes_on_alternates_against_the_squares() {

@@ -191,3 +191,123 @@ pub enum MeasureFailure {
     /// What was seen does not fit the target's geometry, or the fit did not settle on a pose.
     PoorFit,
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector6;
+
+    use super::*;
+    use crate::model::target::{Origin, Role};
+    use crate::test_support::{bedside_lens, table};
+
+    fn target() -> TargetGeometry {
+        TargetGeometry::checker(6, 5, 12.0, Origin::FirstCorner, Role::Upper, [0.0; 3]).unwrap()
+    }
+
+    fn pose() -> Pose<Cam, Target> {
+        Pose::from_theta([0.02, -0.2, 0.1, 40.0, -30.0, 900.0])
+    }
+
+    /// 16 ms for the 1088 rows of the lens, from the top.
+    fn shutter() -> Shutter {
+        Shutter::new(16_000_000, 1088)
+    }
+
+    /// What is known at this time of a target that has had these poses, 16 ms apart.
+    fn motion(poses: &[Pose<Cam, Target>]) -> Motion {
+        let first = Motion::new(poses[0], 0);
+        (1..poses.len())
+            .fold(first, |motion, place| motion.continued(poses[place], 16_000_000 * place as u64))
+    }
+
+    #[test]
+    fn a_measurement_has_its_own_time() {
+        let mut measurement = Measurement {
+            cam_from_target: pose(),
+            delay_ns: 7_000,
+            covariance: Matrix6::zeros(),
+            rms_px: 0.1,
+            corners: 30,
+            corners_total: 30,
+        };
+        assert_eq!(measurement.own_time_ns(1_000_000), 1_007_000);
+        assert_eq!(measurement.own_time_ns(u64::MAX), u64::MAX);
+        let variances = Vector6::new(1.0, 2.0, 3.0, 4.0, 9.0, 0.25);
+        measurement.covariance = Matrix6::from_diagonal(&variances);
+        assert_eq!(measurement.sd_mm(), Vector3::new(2.0, 3.0, 0.5));
+    }
+
+    #[test]
+    fn a_target_is_as_late_as_the_row_of_its_middle() {
+        let lens = table(&bedside_lens());
+        let middle_mm = pose().transform(&Vector3::new(30.0, 24.0, 0.0));
+        let row_px = bedside_lens().project(&middle_mm).unwrap().y;
+        let expected_ns = row_px * 16e6 / 1088.0;
+        let found_ns = f64::from(delay_ns(&shutter(), &lens, &target(), &pose()));
+        // The table is good to 0.002 rows of 14.7 us.
+        assert!((found_ns - expected_ns).abs() < 30.0, "{found_ns}, {expected_ns}");
+        let behind = Pose::from_theta([0.0, 0.0, 0.0, 0.0, 0.0, -900.0]);
+        assert_eq!(delay_ns(&shutter(), &lens, &target(), &behind), 0);
+    }
+
+    #[test]
+    fn a_drift_is_the_motion_in_the_time_of_a_row() {
+        let lens = table(&bedside_lens());
+        let step = Vector6::new(1e-3, -2e-3, 3e-3, 0.8, -1.6, 2.4);
+        let before = motion(&[pose(), pose().moved_by(&step)]);
+        let now = pose().moved_by(&(step * 2.0));
+        let delay_ns = delay_ns(&shutter(), &lens, &target(), &now);
+        // The frame's time is such that its middle is seen 16 ms after the frame before.
+        let time_ns = 32_000_000 - u64::from(delay_ns);
+        let rolling = Rolling { shutter: shutter(), time_ns, motion: Some(&before) };
+        let drift = rolling.drift(&lens, &target(), &now).unwrap();
+        let row_px = f64::from(delay_ns) * 1088.0 / 16e6;
+        assert!((drift.middle_row_px - row_px).abs() < 1e-4, "{}", drift.middle_row_px);
+        // A frame's motion lasts as long as its 1088 rows are read. The second turn about the same
+        // axis is the first one's, and rounding.
+        assert!((drift.per_row * 1088.0 - step).norm() < 1e-12, "{}", drift.per_row);
+
+        let still = Rolling { motion: None, ..rolling };
+        assert_eq!(still.drift(&lens, &target(), &now).unwrap().per_row, Vector6::zeros());
+        let behind = Pose::from_theta([0.0, 0.0, 0.0, 0.0, 0.0, -900.0]);
+        assert_eq!(rolling.drift(&lens, &target(), &behind), None);
+    }
+
+    /// The six drifts, less the one that is known, in standard deviations of a velocity.
+    fn unknown_share(motion: Option<&Motion>, pose: &Pose<Cam, Target>) -> Option<f64> {
+        let lens = table(&bedside_lens());
+        let delay_ns = delay_ns(&shutter(), &lens, &target(), pose);
+        let time_ns = motion.map_or(0, |it| it.time_ns + 16_000_000 - u64::from(delay_ns));
+        let rolling = Rolling { shutter: shutter(), time_ns, motion };
+        let known = rolling.drift(&lens, &target(), pose).unwrap();
+        let drifts = rolling.unknown_drifts(&lens, &target(), pose)?;
+        let row_s = 16e-3 / 1088.0;
+        let share = (drifts[3].per_row[3] - known.per_row[3]) / (12.0 * row_s);
+        for (component, drift) in drifts.iter().enumerate() {
+            let sd_per_s = if component < 3 { 0.012 } else { 12.0 };
+            let mut expected = known;
+            expected.per_row[component] += share * sd_per_s * row_s;
+            assert!((drift.per_row - expected.per_row).norm() < 1e-18, "{component}");
+            assert_eq!(drift.middle_row_px, known.middle_row_px);
+        }
+        Some(share)
+    }
+
+    /// A velocity that two poses give is as old as half the time between them, and a brisk sway, of one
+    /// second, has changed by then by 2 pi times as much of itself.
+    #[test]
+    fn what_is_not_known_of_a_velocity_is_its_age() {
+        let step = Vector6::new(1e-3, -2e-3, 3e-3, 0.8, -1.6, 2.4);
+        let poses: [_; 3] = array::from_fn(|place| pose().moved_by(&(step * place as f64)));
+        let is_about = |share: Option<f64>, expected: f64| {
+            share.is_some_and(|share| (share - expected).abs() < 1e-9)
+        };
+        assert!(is_about(unknown_share(None, &poses[0]), 1.0));
+        let first = motion(&poses[..1]);
+        let share = unknown_share(Some(&first), &poses[1]);
+        assert!(is_about(share, core::f64::consts::TAU * 0.008), "{share:?}");
+        // Three poses give the last velocity.
+        let second = motion(&poses[..2]);
+        assert_eq!(unknown_share(Some(&second), &poses[2]), None);
+    }
+}

@@ -73,6 +73,38 @@ pub(super) fn better<O: Observations + ?Sized>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_support::{Random, SeenCorners, bedside_lens, observe};
+
+    /// Corners seen at a pose, and the solution there and half a millimetre beside it.
+    fn seen_and_two_solutions() -> (SeenCorners, [Solution; 2]) {
+        let mut random = Random::new(1);
+        let pose = Pose::<Cam, Target>::from_theta([0.2, 0.3, -0.1, 80.0, -60.0, 1000.0]);
+        let mut beside = pose;
+        beside.translation_mm.x += 0.5;
+        let seen = observe(&bedside_lens(), &pose, [6, 5], 1.0, &mut random);
+        let solutions = [pose, beside].map(|pose| solve(&pose, &seen[..], 0).unwrap());
+        (seen, solutions)
+    }
+
+    #[test]
+    fn the_second_solution_must_be_better_by_the_margin() {
+        let (seen, [good, poor]) = seen_and_two_solutions();
+        // Both in the scale of the better one.
+        let [low, high] =
+            [good, poor].map(|it| robust_cost(&it.cam_from_target, &seen[..], good.scale).unwrap());
+        let apart = high - low;
+        assert!(apart > 1.0 && good.scale < poor.scale, "{apart}");
+        let chosen = |one, two, margin| better(one, two, &seen[..], margin);
+        assert_eq!(chosen(Some(poor), Some(good), 0.0), Some(good));
+        assert_eq!(chosen(Some(poor), Some(good), 0.999 * apart), Some(good));
+        assert_eq!(chosen(Some(poor), Some(good), 1.001 * apart), Some(poor));
+        assert_eq!(chosen(Some(good), Some(poor), 0.0), Some(good));
+        assert_eq!(chosen(Some(good), Some(poor), 1.0), Some(good));
+        // One alone has nothing to be better than.
+        assert_eq!(chosen(Some(poor), None, 1.0), Some(poor));
+        assert_eq!(chosen(None, Some(poor), 1.0), Some(poor));
+        assert_eq!(chosen(None, None, 0.0), None);
+    }
 
     #[test]
     fn the_mirror_image_keeps_the_outline_and_turns_the_tilt() {

@@ -263,6 +263,8 @@ pub fn ray_by_point(point_cam_mm: &Vector3<f64>, ray: &Vector2<f64>) -> Matrix2x
 mod tests {
     use super::*;
 
+    mod check;
+
     fn wide_angle() -> Lens {
         Lens {
             width_px: 1456,
@@ -394,6 +396,52 @@ mod tests {
                 let (back_px, _) = lens.raw_from_ray_with_jacobian(&ray);
                 assert!((back_px - raw_px).norm() < 1e-9, "{lens:?}");
             }
+        }
+    }
+
+    /// A distorted length of r - r^3 / 3, which grows up to r = 1 only. Beyond it are more rays with
+    /// the same pixels, some of which keep their orientation.
+    #[test]
+    fn a_pixel_has_a_ray_up_to_the_fold_and_none_beyond() {
+        let distortion = Distortion::Radial2([-1.0 / 3.0, 0.0]);
+        let lens = Lens { distortion, ..wide_angle() };
+        for step in 1..200 {
+            let length = 0.01 * f64::from(step);
+            for angle_rad in [0.0, 0.3, 1.0, 2.0, 4.0] {
+                let distorted = Vector2::new(libm::cos(angle_rad), libm::sin(angle_rad)) * length;
+                let ray = lens.ray_from_raw(&lens.pixel_from_ray(&distorted));
+                assert_eq!(ray.is_some(), length < 2.0 / 3.0, "{length} {angle_rad}");
+                assert!(ray.is_none_or(|ray| ray.norm() < 1.0), "{length} {angle_rad}");
+            }
+        }
+    }
+
+    /// There the last digit of an angle is a step of 1e-10 of a ray, which is 573 long.
+    #[test]
+    fn a_ray_at_nearly_90_degrees_is_found_to_the_last_digit() {
+        let lens = Lens { distortion: Distortion::Fisheye4([0.0; 4]), ..wide_angle() };
+        let theta_rad = 89.9_f64.to_radians();
+        for step in 0..100 {
+            let angle_rad = 0.1 * f64::from(step);
+            let distorted = Vector2::new(libm::cos(angle_rad), libm::sin(angle_rad)) * theta_rad;
+            let ray = lens.ray_from_raw(&lens.pixel_from_ray(&distorted)).expect("a ray");
+            assert!((libm::atan(ray.norm()) - theta_rad).abs() < 4e-15, "{angle_rad}");
+        }
+    }
+
+    #[test]
+    fn models_are_called_as_in_camera_files() {
+        let names = all_models().map(|lens| lens.distortion.name());
+        assert_eq!(names, ["radial2", "brown5", "rational8", "thin_prism12", "fisheye4"]);
+        let count = all_models().map(|lens| lens.distortion.coefficients().len());
+        assert_eq!(count, [2, 5, 8, 12, 4]);
+    }
+
+    #[test]
+    fn no_number_of_a_fisheye_moves_the_middle() {
+        let fisheye = Distortion::Fisheye4([-0.02, 0.004, -0.003, 0.0005]);
+        for by in fisheye.by_coefficients(&Vector2::zeros()) {
+            assert_eq!(by, Vector2::zeros());
         }
     }
 

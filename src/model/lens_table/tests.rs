@@ -208,3 +208,100 @@ fn a_nan_stays_one() {
     let (raw_px, _) = table.raw_from_ray_with_jacobian(&Vector2::new(f64::NAN, 0.0));
     assert!(raw_px.x.is_nan());
 }
+
+/// A lens that rises too fast in its corners, but only a little.
+fn steep() -> Lens {
+    Lens { distortion: Distortion::Brown5([0.0, 0.0, 0.0, 0.0, 200.0]), ..bedside_lens() }
+}
+
+#[test]
+fn the_error_is_the_largest_at_four_pixels_along_each_cell() {
+    let lens = steep();
+    let mut table = Box::new(LensTable::new());
+    let error_px = table.fill_over(Projection::Gnomonic, &lens).unwrap();
+    let mut largest_px = 0.0_f64;
+    let steps = 4 * LENS_TABLE_CELLS;
+    for (row, column) in (0..=steps).flat_map(|row| (0..=steps).map(move |it| (row, it))) {
+        let raw_px = Vector2::new(1455.0 * column as f64, 1087.0 * row as f64) / steps as f64;
+        let ray = lens.ray_from_raw(&raw_px).unwrap();
+        let forth_px = table.raw_from_ray_with_jacobian(&ray).0 - raw_px;
+        let back = table.ray_from_raw(&raw_px).unwrap();
+        let back_px = lens.raw_from_ray_with_jacobian(&back).0 - raw_px;
+        largest_px = largest_px.max(forth_px.norm()).max(back_px.norm());
+    }
+    // Rounding of pixels.
+    assert!((error_px - largest_px).abs() < 1e-11, "{error_px}, {largest_px}");
+    assert!(error_px > 0.5 * ERROR_PX_MAX && error_px < ERROR_PX_MAX, "{error_px}");
+}
+
+/// Between the pixels checked, an error may be twice as large.
+#[test]
+fn an_error_of_more_than_half_the_bound_is_refused() {
+    let mut table = Box::new(LensTable::new());
+    assert_eq!(table.fill(&steep()), Err(LensError::Table));
+}
+
+#[test]
+fn a_table_covers_the_rays_of_the_frame_and_a_margin() {
+    // Rays of the first are between those of the corners; of the others, the sides' middles reach
+    // farthest.
+    let bedside = bedside_lens();
+    let pinhole = Lens { skew_px: 0.0, distortion: Distortion::Radial2([0.0; 2]), ..bedside };
+    let cushion = Lens { distortion: Distortion::Radial2([0.4, 0.3]), ..bedside };
+    let fisheye = Lens { fx_px: 800.0, fy_px: 805.0, distortion: FISHEYE, ..bedside };
+    for (lens, projection) in [
+        (pinhole, Projection::Gnomonic),
+        (cushion, Projection::Gnomonic),
+        (fisheye, Projection::Stereographic),
+    ] {
+        let frame = Rectangle { start: Vector2::zeros(), end: Vector2::new(1455.0, 1087.0) };
+        let covered = rays_of_frame(projection, &lens, &frame).unwrap();
+        let columns = (0..1456).flat_map(|x| [[x, 0], [x, 1087]]);
+        let rows = (0..1088).flat_map(|y| [[0, y], [1455, y]]);
+        let (mut low, mut high) = (Vector2::repeat(9.0), Vector2::repeat(-9.0));
+        for raw_px in columns.chain(rows) {
+            let ray = lens.ray_from_raw(&raw_px.map(f64::from).into()).unwrap();
+            let plane = projection.plane_from_ray(&ray);
+            (low, high) = (low.inf(&plane), high.sup(&plane));
+        }
+        let range = high - low;
+        // The rays looked at are up to 11 pixels from the one that reaches farthest: of a side that
+        // bends by 100 pixels over 700, these are 0.03 pixels.
+        let (start, end) = (low - range * 0.03, high + range * 0.03);
+        assert!((covered.start - start).amax() < 1e-4 * range.amin(), "{}", covered.start);
+        assert!((covered.end - end).amax() < 1e-4 * range.amin(), "{}", covered.end);
+    }
+}
+
+/// A cell has 128 bytes, and the map back a quarter as many cells; beside them are both origins and
+/// scales, the frame's sides and the projection.
+#[test]
+fn the_map_back_takes_a_quarter_of_the_room() {
+    let cells = LENS_TABLE_CELLS * LENS_TABLE_CELLS;
+    assert_eq!(size_of::<LensTable>(), 128 * (cells + cells / 4) + 2 * 32 + 8);
+}
+
+/// A distorted length of r - r^3 / 3, which grows up to r = 1: 0.3 pixels beyond the last pixel.
+#[test]
+fn a_lens_that_folds_beyond_the_frame_is_only_too_steep() {
+    let f_px = (libm::hypot(63.0, 63.0) + 0.3) / (2.0 / 3.0);
+    let lens = Lens {
+        width_px: 64,
+        height_px: 64,
+        fx_px: f_px,
+        fy_px: f_px,
+        cx_px: 0.0,
+        cy_px: 0.0,
+        skew_px: 0.0,
+        distortion: Distortion::Radial2([-1.0 / 3.0, 0.0]),
+    };
+    assert_eq!(lens.check(), Ok(()));
+    let mut table = Box::new(LensTable::new());
+    assert_eq!(table.fill(&lens), Err(LensError::Table));
+}
+
+#[test]
+fn a_table_knows_the_frame() {
+    let table = table(&bedside_lens());
+    assert_eq!((table.width_px(), table.height_px()), (1456, 1088));
+}
