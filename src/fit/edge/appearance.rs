@@ -107,3 +107,76 @@ impl Appearance {
         largest
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One of a target that has been followed for a while.
+    fn followed() -> Appearance {
+        Appearance {
+            x_blur_px: 0.5,
+            y_blur_px: 2.0,
+            ln_blur_sd: 0.25,
+            growth_px: 0.1,
+            growth_estimates: 3,
+            has_border: true,
+        }
+    }
+
+    #[test]
+    fn each_direction_has_its_blur_and_both_have_one_precision() {
+        let appearance = followed();
+        assert_eq!(appearance.blur_px(Direction::X), 0.5);
+        assert_eq!(appearance.blur_px(Direction::Y), 2.0);
+        // Of a standard deviation of a quarter.
+        assert_eq!(appearance.ln_blur_precision(), 16.0);
+    }
+
+    #[test]
+    fn a_blur_that_is_known_to_3_percent_has_settled() {
+        for (ln_blur_sd, has_settled) in [(0.005, true), (0.03, true), (0.0301, false)] {
+            assert_eq!(Appearance { ln_blur_sd, ..followed() }.has_settled(), has_settled);
+        }
+        assert!(!Appearance::START.has_settled());
+    }
+
+    #[test]
+    fn the_growth_is_the_mean_of_its_estimates() {
+        let mut appearance = followed();
+        appearance.correct([0.0; 2], 0.008);
+        assert!((appearance.growth_px - (0.1 + 0.008 / 4.0)).abs() < 1e-15);
+        assert_eq!(appearance.growth_estimates, 4);
+        for _ in 0..40 {
+            appearance.correct([0.0; 2], 0.0);
+        }
+        assert_eq!(appearance.growth_estimates, 32);
+    }
+
+    #[test]
+    fn a_growth_that_has_changed_is_believed_at_once() {
+        for (change_px, estimates) in [(0.01, 4), (-0.01, 4), (0.0101, 1), (-0.0101, 1)] {
+            let mut appearance = followed();
+            appearance.correct([0.0; 2], change_px);
+            let grown_px = 0.1 + change_px / f64::from(estimates);
+            assert!((appearance.growth_px - grown_px).abs() < 1e-15, "{change_px}");
+            assert_eq!(appearance.growth_estimates, estimates, "{change_px}");
+        }
+    }
+
+    #[test]
+    fn an_estimate_of_the_growth_counts_if_the_blur_was_nearly_right() {
+        for (ln_blur, estimates) in [(0.029, 4), (-0.03, 4), (0.03, 0), (-0.031, 0)] {
+            let mut appearance = followed();
+            appearance.correct([0.0, ln_blur], 0.0);
+            assert_eq!(appearance.growth_estimates, estimates, "{ln_blur}");
+        }
+    }
+
+    #[test]
+    fn the_growth_can_be_taken_from_another() {
+        let other = Appearance { growth_px: 0.2, growth_estimates: 7, ..Appearance::START };
+        let expected = Appearance { growth_px: 0.2, growth_estimates: 7, ..followed() };
+        assert_eq!(followed().with_growth_of(&other), expected);
+    }
+}

@@ -126,3 +126,186 @@ fn step_on_line<P: Pixel>(
     let light = light / range;
     Some(f64::from(if is_right_light { end - light } else { start + light }))
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use std::vec;
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::fit::edge::rendered::{Scene, image};
+    use crate::test_support::Random;
+
+    const SIDE: usize = 64;
+
+    /// Where the step is on a line, by the definition and without fixed point. The inner `None` is a
+    /// line without a step; the outer one, a line where it depends on rounding which pixels are nearest
+    /// or whether there is a step.
+    fn step_by_definition(
+        pixels: &[u8],
+        expected_px: &Vector2<f64>,
+        right: &Vector2<f64>,
+        reach: usize,
+        is_right_light: bool,
+    ) -> Option<Option<f64>> {
+        let (mut levels, mut distances) = (Vec::new(), Vec::new());
+        for place in 0..=2 * reach {
+            let on_line = expected_px + right * (place as f64 - reach as f64);
+            let nearest = on_line.map(f64::round);
+            if (on_line - nearest).amax() > 0.499 {
+                return None;
+            }
+            levels.push(f64::from(pixels[nearest.y as usize * SIDE + nearest.x as usize]));
+            distances.push((nearest - expected_px).dot(right));
+        }
+        let low = levels.iter().copied().fold(f64::INFINITY, f64::min);
+        let range = levels.iter().copied().fold(0.0, f64::max) - low;
+        let third = levels.len().div_ceil(3);
+        let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+        let step = mean(&levels[levels.len() - third..]) - mean(&levels[..third]);
+        let step = if is_right_light { step } else { -step };
+        // Two fifths exactly are more or less after rounding.
+        if (step - 0.4 * range).abs() < 1e-4 {
+            return None;
+        }
+        if range < 0.025 * 255.0 || step < 0.4 * range {
+            return Some(None);
+        }
+        // Where each pixel begins, and the last one ends.
+        let mut sides = vec![distances[0] - 0.5];
+        sides.extend(distances.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])));
+        sides.push(distances[2 * reach] + 0.5);
+        let parts = levels.iter().zip(sides.windows(2));
+        let light: f64 =
+            parts.map(|(level, side)| (level - low) / range * (side[1] - side[0])).sum();
+        Some(Some(if is_right_light { sides[2 * reach + 1] - light } else { sides[0] + light }))
+    }
+
+    #[test]
+    fn the_step_on_a_line_is_where_the_sum_of_its_pixels_puts_it() {
+        let mut random = Random::new(31);
+        let (mut found, mut none) = (0, 0);
+        for _ in 0..2000 {
+            let angle = random.uniform(0.0, core::f64::consts::TAU);
+            let right = Vector2::new(libm::cos(angle), libm::sin(angle));
+            let expected_px = Vector2::new(random.uniform(20.0, 44.0), random.uniform(20.0, 44.0));
+            let reach = 2 + (random.bits() % 11) as usize;
+            let is_right_light = random.bits() % 2 == 0;
+            let off_px = random.uniform(-0.6, 0.6) * reach as f64;
+            let contrast = random.uniform(0.0, 30.0) * if is_right_light { 1.0 } else { -1.0 };
+            let noise = random.uniform(0.0, 8.0);
+            let pixels: Vec<u8> = (0..SIDE * SIDE)
+                .map(|place| {
+                    let at = Vector2::new((place % SIDE) as f64, (place / SIDE) as f64);
+                    let from_step = (at - expected_px).dot(&right) - off_px;
+                    let share = from_step.clamp(-1.0, 1.0);
+                    (100.0 + contrast * share + noise * random.uniform(-1.0, 1.0)) as u8
+                })
+                .collect();
+            let image = GreyImage::new(&pixels, SIDE, SIDE, SIDE).unwrap();
+            let step = step_on_line(&image, &expected_px, &right, reach, is_right_light);
+            let Some(expected) =
+                step_by_definition(&pixels, &expected_px, &right, reach, is_right_light)
+            else {
+                continue;
+            };
+            match (step, expected) {
+                // Fixed point is cut off at 2^-16 px, for each of 24 steps.
+                (Some(step), Some(expected)) => {
+                    assert!((step - expected).abs() < 1e-3, "{step} {expected}");
+                    found += 1;
+                }
+                (None, None) => none += 1,
+                _ => panic!("{step:?} {expected:?}"),
+            }
+        }
+        assert!(found > 1000 && none > 100, "{found} {none}");
+    }
+
+    /// A line of pixels in the middle of a picture, with this white level, to the right.
+    fn on_row(levels: [u16; 9], white_level: u16) -> Option<f64> {
+        let mut pixels = vec![0; SIDE * SIDE];
+        pixels[30 * SIDE + 26..][..9].copy_from_slice(&levels);
+        let image = GreyImage::with_white_level(&pixels, SIDE, SIDE, SIDE, white_level).unwrap();
+        step_on_line(&image, &Vector2::new(30.25, 30.0), &Vector2::new(1.0, 0.0), 4, true)
+    }
+
+    #[test]
+    fn a_step_in_a_row_is_found_exactly() {
+        // A fifth of the pixel at 31 is light: the step is at 31.3, and was expected at 30.25.
+        let step = on_row([20, 20, 20, 20, 20, 60, 220, 220, 220], 255).unwrap();
+        // Rounding to 24 bits.
+        assert!((step - 1.05).abs() < 1e-6, "{step}");
+    }
+
+    #[test]
+    fn a_step_has_the_least_contrast_and_sets_the_outer_thirds_apart() {
+        // A fortieth of white.
+        let of_height = |height: u16| {
+            let levels = [0, 0, 0, 0, 1, 1, 1, 1, 1].map(|is_light| 500 + is_light * height);
+            on_row(levels, 40_000)
+        };
+        assert!(of_height(1000).is_some() && of_height(999).is_none());
+        // The outer thirds differ by 60, two fifths of the whole range.
+        assert!(on_row([50, 50, 50, 50, 200, 200, 110, 110, 110], 255).is_some());
+        assert!(on_row([50, 50, 50, 50, 200, 200, 109, 110, 110], 255).is_none());
+    }
+
+    /// The edges of a picture of the scene that are found from another pose, and how many there are.
+    fn located(scene: &Scene, expected: &Scene) -> (Vec<SeenEdge>, usize) {
+        let pixels = scene.render().noise_free();
+        let nodes = expected.nodes(&expected.cam_from_target);
+        let edges: Vec<Edge> = nodes.edges(scene.first_square_dark).collect();
+        let locate = |edge| locate_edge(&image(&pixels), &nodes, edge);
+        (edges.iter().filter_map(locate).collect(), edges.len())
+    }
+
+    /// How far from the true shift and turn an edge is, px.
+    fn errors_px(seen: &SeenEdge, scene: &Scene) -> [f64; 2] {
+        let nodes = scene.nodes(&scene.cam_from_target);
+        let rays = seen.edge.nodes.map(|node| &nodes.as_slice()[usize::from(node)].ray);
+        let [shift, turn] = seen.residual(rays);
+        [shift / seen.whitener[0], turn / seen.whitener[2]]
+    }
+
+    #[test]
+    fn a_located_edge_has_its_shift_and_its_turn() {
+        let scene = Scene::new(21.0, 0.0, 0.0);
+        let moved = Scene { cam_from_target: scene.moved_px([1.7, -1.2]), ..scene.clone() };
+        let turned = Scene::new(21.0, 0.0, 0.02);
+        // A pixel is up to half a pixel beside its line, which the turn makes 0.01 px, 0.4 lengths apart;
+        // and where the line crosses the edge, it is 1 px farther along, which makes 0.02 px.
+        for (expected, bounds_px) in [(moved, [0.005, 0.005]), (turned, [0.03, 0.05])] {
+            let (found, edges) = located(&scene, &expected);
+            assert_eq!(found.len(), edges);
+            let mut worst_px = [0.0_f64; 2];
+            for seen in &found {
+                for (worst_px, error_px) in worst_px.iter_mut().zip(errors_px(seen, &scene)) {
+                    *worst_px = worst_px.max(error_px.abs());
+                }
+                // The mean of two positions of 0.2 px, and their difference for 0.4 of the length.
+                let root = core::f64::consts::SQRT_2;
+                assert!((seen.shift_px().1 - 0.2 / root).abs() < 1e-15);
+                assert!((seen.whitener[2] - 0.4 / (0.2 * root)).abs() < 1e-15);
+            }
+            assert!(worst_px[0] < bounds_px[0] && worst_px[1] < bounds_px[1], "{worst_px:?}");
+        }
+    }
+
+    #[test]
+    fn edges_of_the_smallest_and_of_large_squares_are_located() {
+        // Lines of 2 px on each side, and of 12 px.
+        for (pitch_px, psf_px, off_px, share) in [(5.5, 0.3, 0.5, 1.0), (38.0, 0.7, 4.0, 0.5)] {
+            let scene = Scene { psf_px, ..Scene::new(pitch_px, 0.0, 0.0) };
+            let expected =
+                Scene { cam_from_target: scene.moved_px([off_px, off_px]), ..scene.clone() };
+            let (found, edges) = located(&scene, &expected);
+            assert!(found.len() as f64 >= share * edges as f64, "{pitch_px}: {}", found.len());
+            for seen in &found {
+                let [shift_px, _] = errors_px(seen, &scene);
+                assert!(shift_px.abs() < 0.25, "{pitch_px}: {shift_px}");
+            }
+        }
+    }
+}

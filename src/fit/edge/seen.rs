@@ -236,3 +236,124 @@ impl Observations for SeenEdges<'_> {
         Some(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix2, Vector6};
+
+    use super::*;
+    use crate::fit::edge::rendered::Scene;
+    use crate::fit::nodes::{Direction, Drift};
+
+    /// A node whose raw pixel moves by 8 px for each unit of its ray's x, and by 4 px for its y.
+    fn node(x: f64) -> Node {
+        Node {
+            point_target_mm: Vector3::new(x, 0.0, 0.0),
+            ray: Vector2::new(x, 0.0),
+            raw_px: Vector2::new(8.0 * x, 0.0),
+            raw_by_ray: Matrix2::new(8.0, 0.0, 0.0, 4.0),
+        }
+    }
+
+    /// An edge that was expected on the ray's x axis and is seen 1 px to the right of it, which is
+    /// down, turned by half a pixel.
+    fn seen(is_right_light: bool) -> SeenEdge {
+        let edge =
+            Edge { direction: Direction::X, nodes: [0, 1], is_right_light, is_border: false };
+        let right = Vector2::new(0.0, 1.0);
+        // 4 x 1 + 3 x 0.5, and 4 x 0.5.
+        SeenEdge::new(edge, [&node(0.0), &node(1.0)], &right, [4.0, 3.0, 4.0], [5.5, 2.0])
+    }
+
+    /// The residual where the start is 1 px right of the expected line and the end 3 px: a shift of
+    /// 2 px and a turn of 2 px.
+    fn residual(seen: &SeenEdge) -> [f64; 2] {
+        seen.residual([&Vector2::new(0.0, 0.25), &Vector2::new(1.0, 0.75)])
+    }
+
+    #[test]
+    fn the_residual_is_what_the_whitener_makes_of_shift_and_turn() {
+        // 4 x 2 + 3 x 2 - 5.5, and 4 x 2 - 2.
+        assert_eq!(residual(&seen(true)), [8.5, 6.0]);
+        // Where it is seen, there is none.
+        let there = [&Vector2::new(0.0, 0.75 / 4.0), &Vector2::new(1.0, 1.25 / 4.0)];
+        assert_eq!(seen(true).residual(there), [0.0; 2]);
+    }
+
+    #[test]
+    fn the_shift_has_the_variance_of_the_inverse_normal_matrix() {
+        // The inverse of [4 3; 0 4] has the first row [1/4, -3/16], whose length is 5/16.
+        assert_eq!(seen(true).shift_px(), (1.0, 5.0 / 16.0));
+    }
+
+    #[test]
+    fn a_less_certain_edge_is_seen_at_the_same_place() {
+        let mut seen = seen(true);
+        seen.scale_uncertainty(2.0);
+        assert_eq!(seen.shift_px(), (1.0, 5.0 / 8.0));
+        assert_eq!(residual(&seen), [8.5 / 2.0, 6.0 / 2.0]);
+    }
+
+    #[test]
+    fn growth_reaches_to_the_light_side() {
+        for (is_right_light, shift_px) in [(true, 0.75), (false, 1.25)] {
+            let mut seen = seen(is_right_light);
+            // A residual of -1 is an edge a quarter of a pixel farther right than the pose has it; the
+            // dark side is on the left where the right one is light.
+            let growth_px = if is_right_light { 0.25 } else { -0.25 };
+            assert_eq!(seen.distance_px(&[-1.0, 0.0]), -0.25);
+            assert_eq!(seen.growth_px(&[-1.0, 0.0]), (growth_px, 16.0));
+            seen.take_out_growth(0.25);
+            assert_eq!(seen.shift_px(), (shift_px, 5.0 / 16.0));
+        }
+    }
+
+    #[test]
+    fn an_edge_with_any_number_that_is_not_finite_is_not_finite() {
+        assert!(seen(true).is_finite());
+        for odd in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            for place in 0..2 {
+                let mut edge = seen(true);
+                edge.seen[place] = odd;
+                assert!(!edge.is_finite(), "seen {place}");
+                let mut edge = seen(true);
+                edge.ends[place].expected = odd;
+                assert!(!edge.is_finite(), "expected {place}");
+                let mut edge = seen(true);
+                edge.ends[1].distance_by_ray[place] = odd;
+                assert!(!edge.is_finite(), "by ray {place}");
+            }
+            for place in 0..3 {
+                let mut edge = seen(true);
+                edge.whitener[place] = odd;
+                assert!(!edge.is_finite(), "whitener {place}");
+            }
+        }
+        // A standard deviation is neither infinite nor negative.
+        for place in [0, 2] {
+            for odd in [0.0, -4.0] {
+                let mut edge = seen(true);
+                edge.whitener[place] = odd;
+                assert!(!edge.is_finite(), "whitener {place}");
+            }
+        }
+        let mut edge = seen(true);
+        edge.whitener[1] = -3.0;
+        assert!(edge.is_finite());
+    }
+
+    #[test]
+    fn edges_are_finite_when_their_nodes_and_those_that_are_used_are() {
+        let scene = Scene::new(21.0, 0.1, 0.1);
+        let mut nodes = scene.nodes(&scene.cam_from_target);
+        let mut odd = seen(true);
+        odd.seen[0] = f64::NAN;
+        assert!(SeenEdges::new(&nodes, &[seen(true); 4]).are_finite());
+        let edges = [seen(true), odd, seen(true), seen(true)];
+        assert!(!SeenEdges::new(&nodes, &edges).are_finite());
+        assert!(SeenEdges::new(&nodes, &edges).one_in(2).are_finite());
+        let drift = Drift { per_row: Vector6::repeat(f64::NAN), middle_row_px: 0.0 };
+        nodes.deform(&scene.target, &scene.cam_from_target, &drift);
+        assert!(!SeenEdges::new(&nodes, &[seen(true); 4]).are_finite());
+    }
+}

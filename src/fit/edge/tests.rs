@@ -1,3 +1,5 @@
+mod limits;
+
 extern crate std;
 use std::vec::Vec;
 

@@ -164,3 +164,105 @@ impl Elimination {
         coefficients
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector2;
+
+    use super::*;
+    use crate::fit::edge::light::Light;
+    use crate::fit::edge::rendered::{Scene, image};
+    use crate::test_support::Random;
+
+    /// Adds the products of a row of the columns and its pixel, of this weight.
+    fn add(sums: &mut Sums, row: &[f64; COLUMNS + 1], weight: f64) {
+        for first in 0..=PIXEL {
+            for second in first..=PIXEL {
+                sums.products[place(first, second)] += weight * row[first] * row[second];
+            }
+        }
+    }
+
+    /// Rows of ones and random numbers, of which the pixels contain this much each.
+    fn rows(coefficients: &[f64; COLUMNS], random: &mut Random) -> [[f64; COLUMNS + 1]; 20] {
+        core::array::from_fn(|_| {
+            let mut row = core::array::from_fn(|_| random.uniform(-1.0, 1.0));
+            row[ONE] = 1.0;
+            row[PIXEL] = (0..COLUMNS).map(|column| coefficients[column] * row[column]).sum();
+            row
+        })
+    }
+
+    fn sums_of(rows: &[[f64; COLUMNS + 1]]) -> Sums {
+        let mut sums = Sums { count: rows.len() as f64, ..Sums::default() };
+        for row in rows {
+            add(&mut sums, row, 1.0);
+        }
+        sums
+    }
+
+    #[test]
+    fn what_the_pixels_contain_of_each_column_is_found() {
+        let mut random = Random::new(34);
+        for _ in 0..20 {
+            let coefficients = core::array::from_fn(|_| random.uniform(-3.0, 3.0));
+            let sums = sums_of(&rows(&coefficients, &mut random));
+            let found = Regression::new(&sums, 0.0).unwrap();
+            for (found, expected) in found.coefficients.iter().zip(coefficients) {
+                // Rounding, times the condition of a matrix of random numbers.
+                assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+            }
+            // The whitener has the same root: it is a turn of which none is left.
+            let [shift, both, turn] = found.factor;
+            let [.., slope, turned] = coefficients;
+            assert!((shift * slope + both * turned - found.seen[0]).abs() < 1e-11);
+            assert!((turn * turned - found.seen[1]).abs() < 1e-11);
+        }
+    }
+
+    #[test]
+    fn columns_that_the_pixels_do_not_distinguish_have_no_result() {
+        let mut random = Random::new(35);
+        let independent = rows(&[1.0; COLUMNS], &mut random);
+        assert!(Regression::new(&sums_of(&independent), 0.0).is_some());
+        for column in 1..COLUMNS {
+            let absent = independent.map(|mut row| {
+                row[column] = 0.0;
+                row
+            });
+            assert!(Regression::new(&sums_of(&absent), 0.0).is_none(), "{column}");
+            // The sum of those before it and 1 % of its own: a ten-thousandth of its square.
+            let near = independent.map(|mut row| {
+                row[column] = row[..column].iter().sum::<f64>() + 0.01 * row[column];
+                row
+            });
+            assert!(Regression::new(&sums_of(&near), 0.0).is_none(), "{column}");
+        }
+    }
+
+    #[test]
+    fn levels_that_are_known_count_as_pixels_on_either_side() {
+        let scene = Scene::new(21.0, 0.0, 0.0);
+        let pixels = scene.render().sampled(0.01, &mut Random::new(36));
+        let nodes = scene.nodes(&scene.cam_from_target);
+        let light = Light::measure(&image(&pixels), &nodes, true, scene.blur_px()).unwrap();
+        let edge = nodes.edges(true).next().unwrap();
+        let mut levels = light.beside(&nodes, &edge, &Vector2::new(100.0, 80.0)).unwrap();
+        (levels.light, levels.dark) = (8.0, 4.0);
+        (levels.certainty.light_weight, levels.certainty.dark_weight) = (5.0, 3.0);
+        for sign in [1.0, -1.0] {
+            let mut random = Random::new(37);
+            let found_rows = rows(&[1.0, 2.0, 3.0, 4.0, 5.0], &mut random);
+            let (mut found, mut expected) = (sums_of(&found_rows), sums_of(&found_rows));
+            (found.base, expected.base) = (1.0, 1.0);
+            found.add_levels(&levels, sign);
+            // E is 1 on the right and -1 on the left; the light side is right where the sign is 1.
+            add(&mut expected, &[1.0, sign, 0.0, 0.0, 0.0, 8.0 - 1.0], 5.0);
+            add(&mut expected, &[1.0, -sign, 0.0, 0.0, 0.0, 4.0 - 1.0], 3.0);
+            assert_eq!(found.count, 22.0);
+            for (found, expected) in found.products.iter().zip(expected.products) {
+                assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+            }
+        }
+    }
+}

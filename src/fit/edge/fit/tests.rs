@@ -1,3 +1,5 @@
+mod sums;
+
 extern crate std;
 use std::vec;
 
@@ -9,6 +11,7 @@ use super::*;
 use crate::fit::edge::appearance::{BLUR_PX_MAX, BLUR_PX_MIN, GROWTH_PX_MAX, LN_BLUR_STEP_MAX};
 use crate::fit::edge::rendered::{HEIGHT, Scene, WIDTH};
 use crate::fit::nodes::Chord;
+use crate::test_support::Random;
 
 /// How many edges use each pixel of a frame, row by row.
 fn looks(scene: &Scene, blur_px: f64) -> vec::Vec<u8> {
@@ -148,6 +151,44 @@ fn lines_are_averaged_where_that_blurs_little_and_no_crossing_line_reaches() {
             assert!(band.lines == 1 || from_end > 3.4 * BLUR_PX, "{angle}: {from_end}");
         });
         assert_eq!(lines, most, "{angle}");
+    }
+}
+
+#[test]
+fn all_lines_that_no_crossing_line_reaches_are_averaged() {
+    // The lines across an upright edge from 60 to 100; a crossing line reaches 3.4 blurs far.
+    let free = 63..98;
+    for middle in [80.0, 80.2] {
+        let upright = straight(
+            [50.0, middle - 20.0].into(),
+            [50.0, middle + 20.0].into(),
+            [40.0, 0.0].into(),
+        );
+        let ends = [EdgeEnd::Corner; 2];
+        let region = Region::new(&upright, [0.7; 2], ends, 1.0, &Width::KNOWN_LEVELS).unwrap();
+        let mut averaged = vec::Vec::new();
+        region.each_band([200, 160], |band| {
+            if band.lines > 1 {
+                averaged.extend(band.first_line..band.first_line + band.lines);
+            }
+        });
+        assert!(averaged.into_iter().eq(free.clone()), "{middle}");
+    }
+}
+
+#[test]
+fn every_band_has_a_place() {
+    let mut random = Random::new(40);
+    for _ in 0..200 {
+        let angle = random.uniform(0.0, core::f64::consts::PI);
+        let blur_px = random.uniform(0.5, 1.5);
+        let ends = [EdgeEnd::Corner, EdgeEnd::Border];
+        let width = Width::UNKNOWN_LEVELS;
+        let Some(region) = Region::new(&turned(angle), [blur_px; 2], ends, 1.0, &width) else {
+            panic!("{angle} {blur_px}");
+        };
+        // Some are cut by the frame.
+        region.each_band([105, 90], |band| assert!(!band.places.is_empty(), "{angle} {blur_px}"));
     }
 }
 
