@@ -191,7 +191,7 @@ mod tests {
             let right = Vector2::new(libm::cos(angle), libm::sin(angle));
             let expected_px = Vector2::new(random.uniform(20.0, 44.0), random.uniform(20.0, 44.0));
             let reach = 2 + (random.bits() % 11) as usize;
-            let is_right_light = random.bits() % 2 == 0;
+            let is_right_light = random.bits().is_multiple_of(2);
             let off_px = random.uniform(-0.6, 0.6) * reach as f64;
             let contrast = random.uniform(0.0, 30.0) * if is_right_light { 1.0 } else { -1.0 };
             let noise = random.uniform(0.0, 8.0);
