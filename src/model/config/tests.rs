@@ -169,6 +169,11 @@ fn the_largest_config_fits_its_buffer() {
     let length = blob(&config).len();
     // Within a few bytes of the formula: neither too small nor idly large.
     assert!(length <= BLOB_BYTES_MAX && BLOB_BYTES_MAX - length < 64, "{length}");
+    for target in &config.targets {
+        let bytes = postcard::to_slice(target, &mut [0; BLOB_BYTES_MAX]).unwrap().len();
+        // The number of corners has one byte, and might have two.
+        assert_eq!(FIXED_BYTES_MAX + TARGETS_MAX * (bytes + 1), BLOB_BYTES_MAX);
+    }
     for short in 0..length {
         let mut buffer = std::vec![0; short];
         // Checking the lens each time is slow; the ends tell enough.
