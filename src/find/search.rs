@@ -207,4 +207,52 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn a_sweep_is_under_way_until_it_is_finished_or_stopped() {
+        let pixels = [90_u8; 64 * 64];
+        let image = GreyImage::new(&pixels, 64, 64, 64).unwrap();
+        let mut search = Box::new(Search::new());
+        assert_eq!(search.goal(), None);
+        assert!(!search.advance(&image, true));
+        let goal = Goal::Region { target: 1 };
+        search.begin(goal, Area { columns: 0..64, rows: 5..64 });
+        assert_eq!((search.goal(), search.next_row), (Some(goal), 5));
+        search.stop();
+        assert_eq!(search.goal(), None);
+        assert!(!search.advance(&image, true));
+        assert_eq!(search.next_row, 5);
+    }
+
+    #[test]
+    fn the_grids_of_a_sweep_are_among_its_corners() {
+        use crate::find::corner::tests::{Board, render, samples};
+
+        let board = Board::new([6, 5], [110.0, 100.0], 22.0, 0.3, 0.2, 0.02);
+        let picture = render([220, 200], core::slice::from_ref(&board), 0.5, 0.008, 1);
+        let bytes: vec::Vec<u8> = samples(&picture, 220, 0, 255);
+        let image = GreyImage::new(&bytes, 220, 200, 220).unwrap();
+        let whole = || Area { columns: 0..220, rows: 0..200 };
+        let mut search = Box::new(Search::new());
+        search.begin(Goal::WholeFrame, whole());
+        assert!(search.advance(&image, true));
+        let wanted = [[6, 5], [5, 4]].map(|[columns, rows]| GridShape { columns, rows });
+        let grids = search.grids(&image, &wanted);
+        assert_eq!(grids.len(), 2);
+        assert_eq!(grids[1], Err(GridRejection::OtherDimensions));
+        let grid = grids[0].as_ref().unwrap();
+        assert_eq!(grid.shape, wanted[0]);
+        for (place, corner) in grid.corners.iter().enumerate() {
+            let [x, y] = search.corners().as_slice()[usize::from(corner.unwrap())].position_px;
+            let [u, v] = board.corner_px(place as i32 % 6, place as i32 / 6);
+            // Good to a quarter of a pixel, in each direction.
+            assert!((f64::from(x) - u).hypot(f64::from(y) - v) < 0.5, "{place}: {x} {y}");
+        }
+        // A new sweep forgets the corners of the last one.
+        search.begin(Goal::WholeFrame, whole());
+        assert!(search.corners().as_slice().is_empty());
+        assert!(
+            search.grids(&image, &wanted).iter().all(|grid| grid == &Err(GridRejection::NoLattice))
+        );
+    }
 }

@@ -153,3 +153,104 @@ fn examine<P: Pixel>(
     let (_, size) = best_of(0..2).or_else(|| best_of(2..RADII_PX.len()))?;
     describe(image, [x, y], RADII_PX[size])
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::boxed::Box;
+    use std::vec::Vec;
+
+    use super::*;
+
+    const SIDE: usize = 64;
+
+    /// A corner of two sharp edges at right angles, at a place, whose dark sides are up and left and down
+    /// and right; a pixel on an edge is as bright as the mean.
+    fn quadrants([x, y]: [usize; 2], dark: u16, bright: u16) -> Vec<u16> {
+        let sign = |n: usize, at: usize| (n as i32 - at as i32).signum();
+        (0..SIDE * SIDE)
+            .map(|n| match sign(n % SIDE, x) * sign(n / SIDE, y) {
+                1 => dark,
+                -1 => bright,
+                _ => u16::midpoint(dark, bright),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_place_belongs_to_the_pixel_around_it() {
+        for (value_px, is_inside) in
+            [(9.49, false), (9.5, true), (10.0, true), (19.49, true), (19.5, false), (20.0, false)]
+        {
+            assert_eq!(is_within(value_px, &(10..20)), is_inside, "{value_px}");
+        }
+        assert!(is_within(-0.5, &(0..1)));
+    }
+
+    #[test]
+    fn from_a_candidate_beside_it_the_corner_is_found() {
+        let words = quadrants([31, 33], 200, 800);
+        let image = GreyImage::with_white_level(&words, SIDE, SIDE, SIDE, 1023).unwrap();
+        let kernels = Kernels::new();
+        let from =
+            |level: usize, x: u16, y: u16| examine(&image, &kernels, level, Candidate { x, y });
+        let there = from(0, 31, 33).expect("a corner");
+        assert!((there.position_px[0] - 31.0).abs() < 1e-3, "{there:?}");
+        assert!((there.position_px[1] - 33.0).abs() < 1e-3, "{there:?}");
+        for (dx, dy) in (-2..=2_i16).flat_map(|dx| (-2..=2_i16).map(move |dy| (dx, dy))) {
+            let near = from(0, 31_u16.wrapping_add_signed(dx), 33_u16.wrapping_add_signed(dy));
+            assert_eq!(near, Some(there), "{dx} {dy}");
+        }
+        // A pixel of half the size is two of the picture.
+        for (x, y) in [(15, 16), (15, 17), (16, 16), (16, 17), (14, 16), (15, 15)] {
+            let near = from(1, x, y).expect("a corner");
+            assert!((near.position_px[0] - 31.0).abs() < 0.1, "{x} {y}: {near:?}");
+            assert!((near.position_px[1] - 33.0).abs() < 0.1, "{x} {y}: {near:?}");
+        }
+        assert_eq!(from(0, 45, 45), None);
+        assert_eq!(from(0, 2, 2), None);
+    }
+
+    /// Half a contrast of 2 % is a likelihood of 1 %.
+    #[test]
+    fn a_contrast_of_2_percent_is_enough() {
+        let kernels = Kernels::new();
+        for (bright, is_found) in [(517, false), (519, false), (521, true), (523, true)] {
+            let words = quadrants([31, 33], 500, bright);
+            let image = GreyImage::with_white_level(&words, SIDE, SIDE, SIDE, 1023).unwrap();
+            let found = examine(&image, &kernels, 0, Candidate { x: 31, y: 33 });
+            assert_eq!(found.is_some(), is_found, "{bright}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn where_tiles_meet_each_corner_is_found_once() {
+        // More than two tiles wide, and high.
+        let (width, height, square_px) = (1100, 150, 24);
+        let bytes: Vec<u8> = (0..width * height)
+            .map(
+                |n| if (n % width / square_px + n / width / square_px) % 2 == 0 { 60 } else { 180 },
+            )
+            .collect();
+        let image = GreyImage::new(&bytes, width, height, width).unwrap();
+        let mut corners = Box::new(CornerList::new());
+        let mut detector = Box::new(Detector::new());
+        detector.detect(&image, 0..width, 0..height, &mut corners);
+        // None within 5 px of the border.
+        let expected: Vec<[f32; 2]> = (1..=height / square_px)
+            .flat_map(|row| (1..=width / square_px).map(move |column| [column, row]))
+            .filter(|[column, row]| column * square_px < width - 5 && row * square_px < height - 5)
+            .map(|place| place.map(|number| (number * square_px) as f32 - 0.5))
+            .collect();
+        let found = corners.as_slice();
+        assert_eq!((found.len(), corners.dropped()), (expected.len(), 0));
+        for [x, y] in expected {
+            let is_here = |corner: &Corner| {
+                let [dx, dy] = [corner.position_px[0] - x, corner.position_px[1] - y];
+                dx * dx + dy * dy < 0.25 * 0.25
+            };
+            assert_eq!(found.iter().filter(|corner| is_here(corner)).count(), 1, "{x} {y}");
+        }
+    }
+}

@@ -224,3 +224,68 @@ fn combine([a, b, c, d]: [f32; 4], norm: f32) -> f32 {
     let dark = (mean - a.max(b)).min(c.min(d) - mean);
     bright.max(dark) * norm
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::test_support::Random;
+
+    #[test]
+    fn the_best_of_all_sizes_is_what_is_reached() {
+        let mut random = Random::new(2);
+        let bytes: Vec<u8> = (0..64 * 64).map(|_| random.bits() as u8).collect();
+        let image = GreyImage::new(&bytes, 64, 64, 64).unwrap();
+        let kernels = Kernels::new();
+        let mut is_best = [false; RADII_PX.len()];
+        for y in 0..64 {
+            for x in 0..64 {
+                let of_sizes = [0, 1, 2].map(|size| kernels.of_size(&image, x, y, size));
+                let most = of_sizes.into_iter().flatten().fold(f32::MIN, f32::max);
+                let best = kernels.best(&image, x, y, 0..RADII_PX.len());
+                assert_eq!(best.is_some(), most > f32::MIN, "{x} {y}");
+                let Some((likelihood, size)) = best else {
+                    assert!(!kernels.reaches(&image, x, y, f32::MIN), "{x} {y}");
+                    continue;
+                };
+                assert_eq!((likelihood, of_sizes[size]), (most, Some(most)), "{x} {y}");
+                assert!(kernels.reaches(&image, x, y, most), "{x} {y}");
+                assert!(!kernels.reaches(&image, x, y, most.next_up()), "{x} {y}");
+                is_best[size] = true;
+            }
+        }
+        assert_eq!(is_best, [true; RADII_PX.len()]);
+    }
+
+    /// Half the contrast at a perfect corner, upright or turned by 45 degrees.
+    #[test]
+    fn the_likelihood_of_a_perfect_corner_is_half_its_contrast() {
+        let kernels = Kernels::new();
+        for is_upright in [true, false] {
+            for first_is_bright in [true, false] {
+                let bytes: Vec<u8> = (0..64 * 64)
+                    .map(|place| {
+                        let [dx, dy] = [place % 64 - 32, place / 64 - 32];
+                        // What lies on an edge is as bright as the mean.
+                        let sign: i32 = if is_upright { dx * dy } else { dx * dx - dy * dy };
+                        match sign.signum() {
+                            0 => 100,
+                            1 if first_is_bright => 140,
+                            -1 if !first_is_bright => 140,
+                            _ => 60,
+                        }
+                    })
+                    .collect();
+                let image = GreyImage::new(&bytes, 64, 64, 64).unwrap();
+                for size in 0..RADII_PX.len() {
+                    let likelihood = kernels.of_size(&image, 32, 32, size).unwrap();
+                    // Rounding of sums in single precision.
+                    assert!((likelihood - 40.0).abs() < 1e-3, "{is_upright} {size}: {likelihood}");
+                }
+            }
+        }
+    }
+}

@@ -127,3 +127,31 @@ impl Div for Lanes {
         self.each(other, |a, b| a / b)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_lane_is_computed_by_itself() {
+        let a = Lanes([1.0, -4.0, 9.0, 0.25]);
+        let b = Lanes([2.0, 2.0, -3.0, 0.25]);
+        assert_eq!(a + b, Lanes([3.0, -2.0, 6.0, 0.5]));
+        assert_eq!(a - b, Lanes([-1.0, -6.0, 12.0, 0.0]));
+        assert_eq!(a * b, Lanes([2.0, -8.0, -27.0, 0.0625]));
+        assert_eq!(a / b, Lanes([0.5, -2.0, -3.0, 1.0]));
+        assert_eq!(a * 2.0, Lanes([2.0, -8.0, 18.0, 0.5]));
+        assert_eq!(a.min(b), Lanes([1.0, -4.0, -3.0, 0.25]));
+        assert_eq!(a.max(b), Lanes([2.0, 2.0, 9.0, 0.25]));
+        assert_eq!(a.abs(), Lanes([1.0, 4.0, 9.0, 0.25]));
+        assert_eq!(a.abs().sqrt(), Lanes([1.0, 2.0, 3.0, 0.5]));
+        // What is equal is not less.
+        assert_eq!(a.where_less(a, b), Lanes([1.0, -4.0, 0.0, 0.0]));
+        let mut sum = a;
+        sum += b;
+        assert_eq!(sum, a + b);
+        assert_eq!(totals(&[a, b]), [6.25, 1.25]);
+        assert_eq!(Lanes::of(&[0_u8, 1, 128, 255]), Lanes([0.0, 1.0, 128.0, 255.0]));
+        assert_eq!(Lanes::all(7.0), Lanes([7.0; LANES]));
+    }
+}

@@ -94,3 +94,77 @@ fn is_near(a: [f32; 2], b: [f32; 2]) -> bool {
     let (dx, dy) = (a[0] - b[0], a[1] - b[1]);
     dx * dx + dy * dy < SEPARATION_PX * SEPARATION_PX
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::boxed::Box;
+
+    use super::*;
+
+    fn corner(position_px: [f32; 2], score: f32) -> Corner {
+        Corner { position_px, score, edges_rad: [0.0, 1.5] }
+    }
+
+    #[test]
+    fn corners_nearer_than_3_px_are_one() {
+        let mut list = Box::new(CornerList::new());
+        list.push(corner([50.0, 40.0], 0.2));
+        for ([dx, dy], is_near) in [
+            ([0.0, 0.0], true),
+            ([2.9, 0.0], true),
+            ([-2.9, 0.0], true),
+            ([0.0, 2.9], true),
+            ([0.0, -2.9], true),
+            ([2.0, -2.0], true),
+            // Exactly three are not nearer than three.
+            ([3.0, 0.0], false),
+            ([0.0, -3.0], false),
+            ([-2.2, 2.2], false),
+            ([2.5, 2.5], false),
+        ] {
+            let place = [50.0 + dx, 40.0 + dy];
+            assert_eq!(list.has_near(place), is_near, "{dx} {dy}");
+            let mut both = Box::new(CornerList::new());
+            both.push(corner([50.0, 40.0], 0.2));
+            both.push(corner(place, 0.1));
+            assert_eq!(both.as_slice().len(), if is_near { 1 } else { 2 }, "{dx} {dy}");
+        }
+        assert!(!CornerList::new().has_near([0.0, 0.0]));
+    }
+
+    #[test]
+    fn of_two_that_are_one_the_stronger_is_kept_and_the_first_of_equals() {
+        let mut list = Box::new(CornerList::new());
+        list.push(corner([50.0, 40.0], 0.2));
+        list.push(corner([51.0, 40.0], 0.1));
+        list.push(corner([51.0, 40.0], 0.2));
+        assert_eq!(list.as_slice(), [corner([50.0, 40.0], 0.2)]);
+        list.push(corner([51.0, 40.0], 0.3));
+        assert_eq!(list.as_slice(), [corner([51.0, 40.0], 0.3)]);
+        assert_eq!(list.dropped(), 0);
+    }
+
+    #[test]
+    fn whatever_a_full_buffer_costs_is_counted() {
+        let mut list = Box::new(CornerList::new());
+        for n in 0..CORNERS_MAX {
+            list.push(corner([10.0 * n as f32, 0.0], 0.2));
+        }
+        assert_eq!(list.dropped(), 0);
+        // One that is as strong as the others does not drive one of them out.
+        list.push(corner([0.0, 100.0], 0.2));
+        assert!(!list.has_near([0.0, 100.0]));
+        assert_eq!(list.dropped(), 1);
+        list.push(corner([0.0, 100.0], 0.21));
+        assert!(list.has_near([0.0, 100.0]));
+        assert_eq!((list.as_slice().len(), list.dropped()), (CORNERS_MAX, 2));
+        list.count_dropped(5);
+        assert_eq!(list.dropped(), 7);
+        list.count_dropped(u32::MAX);
+        assert_eq!(list.dropped(), u32::MAX);
+        list.clear();
+        assert_eq!((list.as_slice().len(), list.dropped()), (0, 0));
+    }
+}

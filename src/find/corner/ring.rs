@@ -417,15 +417,173 @@ mod tests {
     #[test]
     fn the_half_size_is_the_mean_of_four() {
         let mut random = crate::find::corner::tests::Random(4);
-        let rows: [Vec<u16>; 2] =
-            [0, 1].map(|_| (0..2 * 41).map(|_| (random.next() * 1023.0) as u16).collect());
-        let mut bytes = [0; 41];
-        fill_half(&mut bytes, &rows[0], &rows[1], shift_to_bytes(1023));
-        for (n, byte) in bytes.iter().enumerate() {
-            let four = [rows[0][2 * n], rows[0][2 * n + 1], rows[1][2 * n], rows[1][2 * n + 1]];
-            let mean = four.iter().map(|&value| f64::from(value)).sum::<f64>() / 16.0;
-            // Truncated to 8 bits, then rounded up at most twice.
-            assert!((f64::from(*byte) - mean).abs() <= 1.0, "{n}: {byte} {mean}");
+        for length in [1, 15, 16, 17, 41] {
+            let rows: [Vec<u16>; 2] =
+                [0, 1].map(|_| (0..2 * length).map(|_| (random.next() * 1100.0) as u16).collect());
+            let mut bytes = std::vec![0; length];
+            fill_half(&mut bytes, &rows[0], &rows[1], shift_to_bytes(1023));
+            for (n, byte) in bytes.into_iter().enumerate() {
+                // As bytes; rounded up first by columns and then along the row.
+                let column = |x: usize| {
+                    let [upper, lower] = [0, 1].map(|row| u32::from(rows[row][x] / 4).min(255));
+                    (upper + lower).div_ceil(2)
+                };
+                let mean = (column(2 * n) + column(2 * n + 1)).div_ceil(2);
+                assert_eq!(u32::from(byte), mean, "{n} of {length}");
+            }
+        }
+    }
+
+    #[test]
+    fn means_are_rounded_up() {
+        for a in 0..=255_u8 {
+            for b in 0..=255_u8 {
+                let mean = (u32::from(a) + u32::from(b)).div_ceil(2);
+                assert_eq!(u32::from(mean_of_2(a, b)), mean, "{a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn white_becomes_at_most_255_and_more_than_127() {
+        for (white, shift) in
+            [(1, 0), (255, 0), (256, 1), (511, 1), (512, 2), (1023, 2), (4095, 4), (65535, 8)]
+        {
+            assert_eq!(shift_to_bytes(white), shift, "{white}");
+        }
+        assert_eq!(to_byte(1023_u16, 2), 255);
+        assert_eq!(to_byte(511_u16, 2), 127);
+        // Above white.
+        assert_eq!(to_byte(1024_u16, 2), 255);
+        assert_eq!(to_byte(u16::MAX, 0), 255);
+    }
+
+    #[test]
+    fn a_block_stands_for_its_columns() {
+        let columns: Vec<usize> = columns_of(0b1001).collect();
+        assert!(columns.into_iter().eq((0..16).chain(48..64)));
+        assert_eq!(columns_of(0).count(), 0);
+        assert_eq!(columns_of(1 << 32).next(), Some(512));
+    }
+
+    /// Blocks of random brightness, which give corners of every contrast.
+    fn blocks(width: usize, height: usize, side: usize, seed: u64) -> Vec<u8> {
+        let mut random = crate::test_support::Random::new(seed);
+        let across = width / side + 1;
+        let levels: Vec<u8> = (0..across * (height / side + 1))
+            .map(|n| match n % 3 {
+                0 => random.bits() as u8,
+                _ => 255 * (random.bits() % 2) as u8,
+            })
+            .collect();
+        let noise = [0, 3][seed as usize % 2];
+        (0..width * height)
+            .map(|n| {
+                let level = levels[n / width / side * across + n % width / side];
+                level.saturating_add((random.bits() % (1 + noise)) as u8)
+            })
+            .collect()
+    }
+
+    /// The maxima in reading order. Of equal neighbours the first is one.
+    fn plain_candidates(
+        responses: impl Fn(isize, isize) -> u8,
+        [x0, y0]: [usize; 2],
+        [width, height]: [usize; 2],
+    ) -> Vec<Candidate> {
+        let mut candidates = Vec::new();
+        for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
+            let own = responses(x as isize, y as isize);
+            let is_maximum = (0..25).all(|n| {
+                let (dx, dy) = (n % 5 - 2, n / 5 - 2);
+                let other = responses(x as isize + dx, y as isize + dy);
+                if n < 12 { other < own } else { other <= own }
+            });
+            if own > 0 && is_maximum {
+                candidates.push(Candidate { x: (x0 + x) as u16, y: (y0 + y) as u16 });
+            }
+        }
+        candidates
+    }
+
+    #[test]
+    fn a_tile_gives_its_own_maxima_and_no_others() {
+        let (width, height) = (90, 80);
+        let mut tile = Box::new(Tile::new());
+        let mut found = 0;
+        for (seed, side) in [(1, 5), (2, 6), (3, 9), (4, 3)] {
+            let bytes = blocks(width, height, side, seed);
+            let image = GreyImage::new(&bytes, width, height, width).unwrap();
+            // Responses beyond the frame are those of its repeated border.
+            let padded: Vec<u8> = (0..(width + 4) * (height + 4))
+                .map(|n| {
+                    let at = |place: usize, side: usize| place.saturating_sub(2).min(side - 1);
+                    let [x, y] = [at(n % (width + 4), width), at(n / (width + 4), height)];
+                    bytes[y * width + x]
+                })
+                .collect();
+            for (x0, y0, w, h) in [(0, 0, 90, 64), (0, 64, 90, 16), (30, 20, 33, 17)] {
+                let (candidates, dropped) = tile.search(&image, 0, [x0, y0], [w, h]);
+                assert_eq!(dropped, 0);
+                let responses = |x: isize, y: isize| {
+                    let [x, y] = [x + (x0 + 2) as isize, y + (y0 + 2) as isize];
+                    plain(&padded, width + 4, height + 4, x as usize, y as usize)
+                };
+                let expected = plain_candidates(responses, [x0, y0], [w, h]);
+                assert_eq!(candidates, expected, "{seed}: {x0} {y0}");
+                found += expected.len();
+            }
+        }
+        assert!(found > 100, "{found}");
+    }
+
+    #[test]
+    fn half_the_size_is_searched_as_a_picture_of_half_the_size() {
+        let (width, height) = (131, 138);
+        let bytes = blocks(width, height, 11, 6);
+        let image = GreyImage::new(&bytes, width, height, width).unwrap();
+        let (half_width, half_height) = (width / 2, height / 2);
+        let halved: Vec<u8> = (0..half_width * half_height)
+            .map(|n| {
+                let first = 2 * (n / half_width) * width + 2 * (n % half_width);
+                let column = |x: usize| mean_of_2(bytes[first + x], bytes[first + width + x]);
+                mean_of_2(column(0), column(1))
+            })
+            .collect();
+        let half = GreyImage::new(&halved, half_width, half_height, half_width).unwrap();
+        let mut tiles = [(); 2].map(|()| Box::new(Tile::new()));
+        let mut found = 0;
+        for (place, size) in [([0, 0], [65, 64]), ([0, 64], [65, 5]), ([17, 9], [20, 30])] {
+            let [one, other] = &mut tiles;
+            let (ours, theirs) =
+                (one.search(&image, 1, place, size), other.search(&half, 0, place, size));
+            assert_eq!(ours, theirs, "{place:?}");
+            found += ours.0.len();
+        }
+        assert!(found > 10, "{found}");
+    }
+
+    #[test]
+    fn a_whole_tile_is_searched_and_what_it_cannot_hold_is_counted() {
+        let (width, height) = (TILE_WIDTH, 70);
+        let mut tile = Box::new(Tile::new());
+        for (side, is_dropped) in [(8, false), (5, true)] {
+            let bytes: Vec<u8> = (0..width * height)
+                .map(|n| if (n % width / side + n / width / side) % 2 == 0 { 200 } else { 50 })
+                .collect();
+            let image = GreyImage::new(&bytes, width, height, width).unwrap();
+            let (candidates, dropped) = tile.search(&image, 0, [0, 0], [width, TILE_HEIGHT]);
+            // One where four squares meet, up and left of that.
+            let corners = ((width - 1) / side) * (TILE_HEIGHT / side);
+            if is_dropped {
+                // One per 64 pixels.
+                assert_eq!(candidates.len(), 512);
+                assert_eq!(candidates.len() + dropped as usize, corners);
+            } else {
+                assert_eq!((candidates.len(), dropped), (corners, 0));
+                let last = candidates[corners - 1];
+                assert!(last.x >= 502 && last.y >= 54, "{last:?}");
+            }
         }
     }
 }

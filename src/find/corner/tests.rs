@@ -10,6 +10,8 @@ use crate::limits::CORNERS_MAX;
 use crate::model::image::{GreyImage, Pixel};
 use crate::test_support::repetitions;
 
+pub(super) mod plain;
+
 /// Small and fast; the sequence does not matter.
 pub(crate) struct Random(pub(crate) u64);
 
@@ -325,6 +327,10 @@ fn the_kernels_are_their_definition_at_every_place() {
                 };
             let plain = plain_likelihood(&masks, &image, x, y);
             check(kernels.best(&image, x, y, sizes.clone()), plain, 255.0);
+            for size in sizes.clone() {
+                let plain = plain_likelihood(&masks[size..=size], &image, x, y);
+                check(kernels.best(&image, x, y, size..size + 1), plain, 255.0);
+            }
             let plain = plain_likelihood(&masks, &deep, x, y);
             check(kernels.best(&deep, x, y, sizes.clone()), plain, 1023.0);
         }

@@ -150,3 +150,86 @@ fn neighbourhood<P: Pixel>(
 fn block_of(row: &[f32], start: usize) -> Lanes {
     Lanes(*row[start..].first_chunk().expect("a row has room for its last block"))
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::find::corner::tests::plain::{PlainPixel, plain_window};
+    use crate::test_support::Random;
+
+    #[test]
+    fn a_window_holds_each_pixel_of_its_circle_once() {
+        let mut random = Random::new(1);
+        let words: Vec<u16> = (0..66 * 70).map(|_| (random.bits() % 1024) as u16).collect();
+        let image = GreyImage::with_white_level(&words, 65, 70, 66, 1023).unwrap();
+        for half in 3..=HALF_MAX {
+            // As near to the frame's borders as it may be, and inside.
+            let reach = half + 1;
+            for place in [[reach, reach], [64 - reach, reach], [reach, 69 - reach], [31, 40]] {
+                let mut window = Window::new(half);
+                window.fill(&image, place);
+                let mut pixels = plain_window(&image, place, half);
+                for block in window.blocks() {
+                    let [Lanes(dx), Lanes(dy)] = block.offset();
+                    for lane in 0..LANES {
+                        let offset = [dx[lane], dy[lane]];
+                        let [gx, gy] = block.gradient.map(|Lanes(values)| f64::from(values[lane]));
+                        let [brightness, magnitude, weight, edge_weight] =
+                            [block.brightness, block.magnitude, block.weight, block.edge_weight]
+                                .map(|Lanes(values)| f64::from(values[lane]));
+                        let is_here =
+                            |pixel: &PlainPixel| pixel.offset.map(|value| value as f32) == offset;
+                        let Some(n) = pixels.iter().position(is_here) else {
+                            assert_eq!([weight, edge_weight], [0.0; 2], "{half} {offset:?}");
+                            continue;
+                        };
+                        let pixel = pixels.swap_remove(n);
+                        assert_eq!(brightness, pixel.brightness, "{half} {offset:?}");
+                        assert_eq!([gx, gy], pixel.gradient, "{half} {offset:?}");
+                        // Single precision.
+                        for (ours, plain) in [
+                            (magnitude, pixel.magnitude),
+                            (weight, pixel.weight),
+                            (edge_weight, pixel.edge_weight),
+                        ] {
+                            assert!((ours - plain).abs() <= 1e-6 * plain, "{half} {offset:?}");
+                        }
+                    }
+                }
+                assert!(pixels.is_empty(), "{half}: {}", pixels.len());
+            }
+        }
+    }
+
+    #[test]
+    fn the_rows_within_a_reach_are_those_of_a_smaller_window() {
+        let bytes = [90_u8; 64 * 64];
+        let image = GreyImage::new(&bytes, 64, 64, 64).unwrap();
+        let mut window = Window::new(HALF_MAX);
+        window.fill(&image, [30, 30]);
+        for reach in 3..=HALF_MAX {
+            let mut rows = Vec::new();
+            for block in window.blocks_within(reach) {
+                let Lanes(dy) = block.offset()[1];
+                let is_new = !rows.contains(&dy[0]);
+                rows.extend(is_new.then_some(dy[0]));
+            }
+            let reach = reach as i32;
+            let expected: Vec<f32> = (-reach..=reach).map(|row| row as f32).collect();
+            assert_eq!(rows, expected);
+        }
+    }
+
+    #[test]
+    fn without_a_gradient_there_is_no_edge() {
+        let bytes = [90_u8; 64 * 64];
+        let image = GreyImage::new(&bytes, 64, 64, 64).unwrap();
+        let mut window = Window::new(5);
+        window.fill(&image, [30, 30]);
+        assert!(window.blocks().iter().all(|block| block.edge_weight == Lanes::ZERO));
+    }
+}

@@ -74,3 +74,98 @@ pub(super) fn squares_go_on<P: Pixel>(
     let least = DIFFERENCE_MIN * mean;
     differences.into_iter().all(|(_, outside, farther)| outside > least && farther > least)
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::find::grid::lattice::{Bounds, Least};
+    use crate::find::grid::tests::drawn::{DARK, Drawn, LIGHT, grown};
+
+    #[test]
+    fn three_quarters_of_the_differences_and_at_least_two_are_evidence() {
+        for (possible, least) in [(0, 2), (1, 2), (2, 2), (3, 3), (4, 3), (5, 4), (8, 6), (9, 7)] {
+            assert_eq!(differences_min(possible), least, "{possible}");
+        }
+    }
+
+    /// A larger board, of which the lattice lacks this many lines at its end along u.
+    fn larger(lines: i32) -> Drawn {
+        let mut drawn = Drawn::new([5 + lines, 6]);
+        let hidden = (5..5 + lines).flat_map(|column| (0..6).map(move |row| [column, row]));
+        drawn.hide(&hidden.collect::<Vec<_>>());
+        drawn
+    }
+
+    fn go_on(drawn: &Drawn) -> [bool; 4] {
+        let (lattice, bounds) = grown(&drawn.corners, Least::Target);
+        assert_eq!(bounds, Bounds { first: [0, 0], last: [4, 5] });
+        let image = drawn.image();
+        bounds.borders().map(|line| squares_go_on(&image, &lattice, &drawn.corners, &line))
+    }
+
+    #[test]
+    fn squares_go_on_where_lines_of_corners_are_missing() {
+        assert_eq!(go_on(&larger(0)), [false; 4]);
+        assert_eq!(go_on(&larger(1)), [false, false, false, true]);
+        assert_eq!(go_on(&larger(2)), [false, false, false, true]);
+        for (side, [columns, rows]) in
+            [[-1..5, -2..-1], [-1..5, 6..7], [-2..-1, -1..6], [5..6, -1..6]].into_iter().enumerate()
+        {
+            let mut drawn = Drawn::new([5, 6]);
+            drawn.print(columns, rows);
+            let expected: [bool; 4] = core::array::from_fn(|place| place == side);
+            assert_eq!(go_on(&drawn), expected);
+        }
+    }
+
+    /// Of a contrast of 120, a quarter is 30: less is no difference, with the wrong sign or in one row alone.
+    #[test]
+    fn all_differences_in_both_rows_outside_are_a_quarter_of_those_inside() {
+        let with = |just_outside: u8, farther: u8| {
+            let mut drawn = Drawn::new([5, 6]);
+            // Dark squares of other levels: just outside at (4, 0), (4, 2), (4, 4), and farther out at (5, 1) and
+            // (5, 3).
+            for row in [0.0, 2.0, 4.0] {
+                drawn.paint(4.0..5.0, row..row + 1.0, just_outside);
+            }
+            for row in [1.0, 3.0] {
+                drawn.paint(5.0..6.0, row..row + 1.0, farther);
+            }
+            go_on(&drawn)[3]
+        };
+        assert!(with(DARK, DARK));
+        assert!(with(LIGHT - 31, LIGHT - 31));
+        assert!(!with(LIGHT - 29, DARK));
+        assert!(!with(DARK, LIGHT - 29));
+        assert!(!with(DARK, LIGHT + 60));
+        assert!(!with(LIGHT + 60, DARK));
+        assert!(!with(LIGHT, DARK) && !with(DARK, LIGHT));
+        // One that is missing contradicts all others.
+        let mut drawn = larger(1);
+        drawn.paint(5.0..6.0, 1.0..2.0, LIGHT);
+        assert!(!go_on(&drawn)[3]);
+        let mut drawn = larger(1);
+        drawn.paint(4.0..5.0, 2.0..3.0, LIGHT);
+        assert!(!go_on(&drawn)[3]);
+    }
+
+    #[test]
+    fn with_too_few_differences_nothing_is_known() {
+        // A line of six corners has five squares and four differences, of which three are needed.
+        for (cell, is_known) in [([4, 5], true), ([4, 3], false)] {
+            let mut drawn = larger(1);
+            drawn.hide(&[cell]);
+            assert_eq!(go_on(&drawn)[3], is_known, "{cell:?}");
+        }
+        // As well as without the corners one step inwards, which say how long a step is.
+        for (cell, is_known) in [([3, 5], true), ([3, 2], false)] {
+            let mut drawn = larger(1);
+            drawn.hide(&[cell]);
+            assert_eq!(go_on(&drawn)[3], is_known, "{cell:?}");
+        }
+    }
+}

@@ -9,6 +9,8 @@ use super::*;
 use crate::find::corner::tests::{Board, detect, render, samples};
 use crate::test_support::repetitions;
 
+pub(super) mod drawn;
+
 const SIZE: [usize; 2] = [420, 300];
 const SHAPES: [GridShape; 2] =
     [GridShape { columns: 6, rows: 5 }, GridShape { columns: 5, rows: 4 }];

@@ -160,3 +160,133 @@ impl<'a, P: Pixel> View<'a, P> {
         Some(normal.cholesky()?.solve(&right))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use nalgebra::{Matrix3, Vector3};
+
+    use super::*;
+    use crate::find::grid::lattice::Least;
+    use crate::find::grid::tests::drawn::{DARK, Drawn, LIGHT, STEP_PX, grown};
+
+    #[test]
+    fn light_squares_are_as_bright_as_paper_and_dark_ones_less_by_the_contrast() {
+        Drawn::new([4, 3]).seen(|view, _| {
+            // Rounding in single precision.
+            let is = |value: f32, expected: u8| (value - f32::from(expected)).abs() < 1e-3;
+            assert!(is(view.contrast, LIGHT - DARK), "{}", view.contrast);
+            for place in [[0.0, 0.0], [1.5, 0.5], [-3.0, 7.0]] {
+                assert!(is(view.paper_level(place), LIGHT), "{place:?}");
+                assert!(is(view.square_level(place, false), LIGHT), "{place:?}");
+                assert!(is(view.square_level(place, true), DARK), "{place:?}");
+            }
+            assert_eq!(view.level([0.5, 0.5]), Some(f32::from(DARK)));
+            assert_eq!(view.level([1.5, 0.5]), Some(f32::from(LIGHT)));
+            assert_eq!(view.level([1000.0, 0.5]), None);
+            assert!(view.is_dark([0, 0]) && view.is_dark([-1, -1]) && view.is_dark([1, 1]));
+            assert!(!view.is_dark([1, 0]) && !view.is_dark([0, -1]));
+            assert!(view.is_seen([0, 0]) && view.is_seen([3, 2]));
+            assert!(!view.is_seen([4, 2]) && !view.is_seen([0, -1]));
+            for (step, expected) in [([1, 0], 0), ([-1, 0], 0), ([0, 1], 1), ([0, -1], 1)] {
+                let step_px = view.step_px([0.5, 0.5], step).unwrap();
+                assert!((step_px - STEP_PX[expected] as f32).abs() < 1e-3, "{step:?}: {step_px}");
+            }
+        });
+    }
+
+    /// Where light falls from one side: a regression of the light squares' brightness on u and v, with four
+    /// more observations of each slope, which are 0.
+    #[test]
+    fn the_brightness_of_paper_follows_the_light() {
+        let mut drawn = Drawn::new([5, 4]);
+        let level = |u: i32, v: i32, is_dark: bool| {
+            let light = 170 + 8 * u - 5 * v;
+            (if is_dark { light - 100 + 2 * u } else { light }) as u8
+        };
+        let squares = || (0..3).flat_map(|v| (0..4).map(move |u| [u, v]));
+        for [u, v] in squares() {
+            let [from_u, from_v] = [u, v].map(f64::from);
+            let is_dark = (u + v) % 2 == 0;
+            drawn.paint(from_u..from_u + 1.0, from_v..from_v + 1.0, level(u, v, is_dark));
+        }
+        let regression = |is_dark: bool| {
+            let mut normal = Matrix3::from_diagonal(&Vector3::new(0.0, 4.0, 4.0));
+            let mut right = Vector3::zeros();
+            for [u, v] in squares().filter(|[u, v]| ((u + v) % 2 == 0) == is_dark) {
+                let terms = Vector3::new(1.0, f64::from(u) + 0.5, f64::from(v) + 0.5);
+                normal += terms * terms.transpose();
+                right += terms * f64::from(level(u, v, is_dark));
+            }
+            normal.try_inverse().unwrap() * right
+        };
+        drawn.seen(|view, _| {
+            let [light, dark] = [false, true].map(regression);
+            for [u, v] in [[0.0, 0.0], [2.0, 1.5], [4.0, -1.0], [-1.0, 3.0]] {
+                let expected = light.dot(&Vector3::new(1.0, u, v));
+                let paper = view.paper_level([u as f32, v as f32]);
+                // Single precision.
+                assert!((f64::from(paper) - expected).abs() < 0.01, "{u} {v}: {paper} {expected}");
+            }
+            // The contrast is that in the middle of the corners: at u = 2, v = 1.5.
+            let expected = (light - dark).dot(&Vector3::new(1.0, 2.0, 1.5));
+            assert!((f64::from(view.contrast) - expected).abs() < 0.01, "{}", view.contrast);
+        });
+    }
+
+    #[test]
+    fn paper_and_ink_are_what_is_nearly_as_bright() {
+        // Of a contrast of 120: 5 % and 10 % and 20 % of it, and for ink 10 % and 30 %.
+        for difference in [5_u8, 7, 11, 13, 23, 25, 35, 37] {
+            for is_brighter in [true, false] {
+                let mut drawn = Drawn::new([4, 3]);
+                let near =
+                    |level: u8| if is_brighter { level + difference } else { level - difference };
+                // Where nothing else looks: in a corner of a light square, and of a dark one.
+                drawn.paint(1.6..2.0, 0.6..1.0, near(LIGHT));
+                drawn.paint(0.6..1.0, 0.6..1.0, near(DARK));
+                drawn.seen(|view, _| {
+                    let [light, dark] = [[1.8, 0.8], [0.8, 0.8]];
+                    assert_eq!(view.is_paper(light), difference < 6, "{difference}");
+                    assert_eq!(view.is_paper_beside_edge(light), difference < 12, "{difference}");
+                    assert_eq!(view.is_nearly_paper(light), difference < 24, "{difference}");
+                    assert_eq!(view.is_ink(dark), difference < 12, "{difference}");
+                    assert_eq!(view.is_nearly_ink(dark), difference < 36, "{difference}");
+                    assert!(!view.is_nearly_paper(dark) && !view.is_nearly_ink(light));
+                    assert!(!view.is_paper([1000.0, 0.0]) && !view.is_ink([1000.0, 0.0]));
+                });
+            }
+        }
+    }
+
+    /// Where no light square has four corners that are seen, those just outside with two are looked at, and
+    /// no others.
+    #[test]
+    fn squares_outside_serve_where_none_inside_is_seen() {
+        let mut drawn = Drawn::new([3, 3]);
+        // The light squares inside, each of which lacks a corner.
+        drawn.paint(1.0..2.0, 0.0..1.0, 230);
+        drawn.paint(0.0..1.0, 1.0..2.0, 230);
+        drawn.hide(&[[2, 0], [0, 2]]);
+        let (lattice, bounds) = grown(&drawn.corners, Least::Piece { gap: 1 });
+        let image = drawn.image();
+        let view = View::new(&image, &lattice, &drawn.corners, bounds).unwrap();
+        assert!((view.contrast - 120.0).abs() < 1e-3, "{}", view.contrast);
+        assert!((view.paper_level([1.0, 1.0]) - 180.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_board_whose_light_squares_are_dark_is_none() {
+        let mut drawn = Drawn::new([4, 3]);
+        for byte in &mut drawn.bytes {
+            *byte = 255 - *byte;
+        }
+        let (lattice, bounds) = grown(&drawn.corners, Least::Target);
+        let image = drawn.image();
+        assert!(View::new(&image, &lattice, &drawn.corners, bounds).is_none());
+        drawn.bytes.fill(100);
+        let image = drawn.image();
+        assert!(View::new(&image, &lattice, &drawn.corners, bounds).is_none());
+    }
+}
