@@ -245,8 +245,8 @@ mod tests {
         for (place, corner) in grid.corners.iter().enumerate() {
             let [x, y] = search.corners().as_slice()[usize::from(corner.unwrap())].position_px;
             let [u, v] = board.corner_px(place as i32 % 6, place as i32 / 6);
-            // Good to a quarter of a pixel, in each direction.
-            assert!((f64::from(x) - u).hypot(f64::from(y) - v) < 0.5, "{place}: {x} {y}");
+            // Good to a quarter of a pixel.
+            assert!((f64::from(x) - u).hypot(f64::from(y) - v) < 0.25, "{place}: {x} {y}");
         }
         // A new sweep forgets the corners of the last one.
         search.begin(Goal::WholeFrame, whole());

@@ -6,7 +6,7 @@
 //!      ▲                     │ missed          │ measured
 //!      │                     ▼                 │
 //!      └───────────────── Coasting ────────────┘
-//!   missed for COASTING_NS_MAX
+//!   missed for longer than COASTING_NS_MAX
 //! ```
 //!
 //! Acquiring: nothing is known, and the whole frame must be searched. Tracking and Coasting: a
@@ -16,7 +16,7 @@
 use crate::model::motion::Motion;
 use crate::model::pose::{Cam, Pose, Target};
 
-/// A target that was not seen for this long is searched for in the whole frame.
+/// A target that was not seen for longer than this is searched for in the whole frame.
 const COASTING_NS_MAX: u64 = 1_000_000_000;
 
 /// What is known about a target.
@@ -80,7 +80,8 @@ mod tests {
     #[test]
     fn every_transition_of_the_diagram() {
         let last = motion(1_000);
-        let late = 1_000 + COASTING_NS_MAX + 1;
+        let last_moment = 1_000 + COASTING_NS_MAX;
+        let late = last_moment + 1;
         let is = |state: State| match state {
             State::Acquiring => "Acquiring",
             State::Tracking(_) => "Tracking",
@@ -91,6 +92,7 @@ mod tests {
             (State::Acquiring, Some(pose(0.0)), 2_000, "Tracking"),
             (State::Tracking(last), Some(pose(0.0)), 2_000, "Tracking"),
             (State::Tracking(last), None, 2_000, "Coasting"),
+            (State::Tracking(last), None, last_moment, "Coasting"),
             (State::Tracking(last), None, late, "Acquiring"),
             (State::Coasting(last), Some(pose(0.0)), 2_000, "Tracking"),
             (State::Coasting(last), None, 2_000, "Coasting"),

@@ -99,3 +99,147 @@ impl Plane {
         Some([between([0.5, 0.0])?, between([0.0, 0.5])?])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::find::grid::lattice::Least;
+    use crate::find::grid::tests::drawn::{STEP_PX, corners_at, grown, px};
+
+    /// A board tilted about both axes.
+    fn tilted_px([u, v]: [f64; 2]) -> [f64; 2] {
+        let depth = 1.0 + 0.02 * u - 0.03 * v;
+        [120.0 + (20.0 * u + 1.5 * v) / depth, 110.0 + (17.0 * v - 2.0 * u) / depth]
+    }
+
+    fn steps_apart_px([a, b]: [[f32; 2]; 2]) -> f32 {
+        libm::hypotf(a[0] - b[0], a[1] - b[1])
+    }
+
+    #[test]
+    fn without_perspective_it_is_exact() {
+        let corners = corners_at([4, 3], px);
+        let (lattice, _) = grown(&corners, Least::Target);
+        let plane = Plane::fit(&lattice, &corners).unwrap();
+        for place in [[0.0, 0.0], [3.0, 2.0], [1.5, 0.25], [-4.0, 7.0], [9.0, -3.0]] {
+            let expected = px(place).map(|value| value as f32);
+            let at = plane.at(place.map(|value| value as f32)).unwrap();
+            // Single precision, of some hundred pixels.
+            assert!(steps_apart_px([at, expected]) < 1e-4, "{place:?}: {at:?} {expected:?}");
+            let [along_u, along_v] = plane.steps(place.map(|value| value as f32)).unwrap();
+            assert!(steps_apart_px([along_u, [STEP_PX[0] as f32, 0.0]]) < 1e-4, "{along_u:?}");
+            assert!(steps_apart_px([along_v, [0.0, STEP_PX[1] as f32]]) < 1e-4, "{along_v:?}");
+        }
+    }
+
+    /// The sum of squares of which the plane is the minimum: the errors of x and of y at each corner,
+    /// multiplied by the depth, in units of the lattice's size; and what is known of the perspective.
+    fn cost(plane: &Plane, corners: &[Corner], columns: usize) -> f64 {
+        let h = &plane.h;
+        let of_corners = corners.iter().enumerate().map(|(n, corner)| {
+            let [u, v] =
+                [(n % columns) as f64 - plane.cell[0], (n / columns) as f64 - plane.cell[1]];
+            let depth = h[6] * u + h[7] * v + 1.0;
+            let [x, y] = [0, 1].map(|axis| {
+                (f64::from(corner.position_px[axis]) - plane.px[axis]) / plane.scale_px
+            });
+            let errors =
+                [h[0] * u + h[1] * v + h[2] - depth * x, h[3] * u + h[4] * v + h[5] - depth * y];
+            errors[0].powi(2) + errors[1].powi(2)
+        });
+        of_corners.sum::<f64>() + 0.02 * (h[6].powi(2) + h[7].powi(2))
+    }
+
+    #[test]
+    fn it_has_the_least_sum_of_squares() {
+        let mut corners = corners_at([4, 3], tilted_px);
+        // Some corners are not quite in their place.
+        corners[5].position_px[0] += 0.8;
+        corners[10].position_px[1] -= 0.6;
+        let (lattice, _) = grown(&corners, Least::Target);
+        let plane = Plane::fit(&lattice, &corners).unwrap();
+        // The mean place and the mean pixel are the origins; all corners are within 1 of it.
+        assert_eq!(plane.cell, [1.5, 1.0]);
+        let mean_x =
+            corners.iter().map(|corner| f64::from(corner.position_px[0])).sum::<f64>() / 12.0;
+        let mean_y =
+            corners.iter().map(|corner| f64::from(corner.position_px[1])).sum::<f64>() / 12.0;
+        assert!((plane.px[0] - mean_x).abs() < 1e-9 && (plane.px[1] - mean_y).abs() < 1e-9);
+        let farthest = corners.iter().map(|corner| {
+            let [x, y] = corner.position_px.map(f64::from);
+            (x - mean_x).hypot(y - mean_y)
+        });
+        assert!((plane.scale_px - farthest.fold(0.0, f64::max)).abs() < 1e-9);
+        for parameter in 0..8 {
+            let moved = |by: f64| {
+                let mut moved = plane;
+                moved.h[parameter] += by;
+                cost(&moved, &corners, 4)
+            };
+            // Central differences of a square are exact.
+            let slope = (moved(1e-3) - moved(-1e-3)) / 2e-3;
+            assert!(slope.abs() < 1e-9, "{parameter}: {slope}");
+            assert!(moved(1e-3) > moved(0.0), "{parameter}");
+        }
+        // The sum is that at the corners themselves.
+        for (n, corner) in corners.iter().enumerate() {
+            let at = plane.at([(n % 4) as f32, (n / 4) as f32]).unwrap();
+            // Less than the largest displacement.
+            assert!(steps_apart_px([at, corner.position_px]) < 0.8, "{n}: {at:?} {corner:?}");
+        }
+    }
+
+    #[test]
+    fn steps_are_from_half_a_step_before_to_half_a_step_after() {
+        let corners = corners_at([4, 3], tilted_px);
+        let (lattice, _) = grown(&corners, Least::Target);
+        let plane = Plane::fit(&lattice, &corners).unwrap();
+        let [u, v] = [1.25, 0.75];
+        for (axis, [du, dv]) in [(0, [0.5, 0.0]), (1, [0.0, 0.5])] {
+            let step = plane.steps([u, v]).unwrap()[axis];
+            let [from, to] = [[u - du, v - dv], [u + du, v + dv]].map(|it| plane.at(it).unwrap());
+            assert_eq!(step, [to[0] - from[0], to[1] - from[1]]);
+        }
+    }
+
+    #[test]
+    fn near_the_horizon_there_is_no_pixel() {
+        let plane = Plane {
+            cell: [1.0, 2.0],
+            px: [100.0, 50.0],
+            scale_px: 10.0,
+            h: SVector::from([1.0, 0.0, 0.5, 0.0, 2.0, 0.0, -0.1, -0.2]),
+        };
+        // u = 3, v = -2 from the origin: the depth is 1 - 0.3 + 0.4.
+        let [x, y] = plane.at([4.0, 0.0]).unwrap();
+        assert!((f64::from(x) - (100.0 + 10.0 * 3.5 / 1.1)).abs() < 1e-4, "{x}");
+        assert!((f64::from(y) - (50.0 - 10.0 * 4.0 / 1.1)).abs() < 1e-4, "{y}");
+        // A depth of 0.21, and of 0.19; and beyond the horizon.
+        assert!(plane.at([8.9, 2.0]).is_some());
+        assert!(plane.at([9.1, 2.0]).is_none());
+        assert!(plane.at([1.0, 8.0]).is_none());
+        // Half a step farther is too near: there are no steps.
+        assert!(plane.steps([7.9, 2.0]).is_some());
+        assert!(plane.steps([8.6, 2.0]).is_none());
+        assert!(plane.steps([1.0, 5.7]).is_none());
+    }
+
+    #[test]
+    fn six_corners_fix_it_and_five_or_one_place_do_not() {
+        let corners = corners_at([3, 3], px);
+        let (mut lattice, _) = grown(&corners, Least::Target);
+        for cell in [[2, 0], [0, 2], [1, 1]] {
+            lattice.remove(cell);
+        }
+        assert!(Plane::fit(&lattice, &corners).is_some());
+        lattice.remove([2, 2]);
+        assert!(Plane::fit(&lattice, &corners).is_none());
+        let (lattice, _) = grown(&corners, Least::Target);
+        let mut same = corners.clone();
+        same.iter_mut().for_each(|corner| corner.position_px = [100.0, 100.0]);
+        assert!(Plane::fit(&lattice, &same).is_none());
+        let mut wrong = corners;
+        wrong[4].position_px[0] = f32::NAN;
+        assert!(Plane::fit(&lattice, &wrong).is_none());
+    }
+}

@@ -325,3 +325,6 @@ fn end_of_square(level: impl Fn(f32) -> Option<f32>, middle: f32, first: f32) ->
     }
     None
 }
+
+#[cfg(test)]
+mod tests;

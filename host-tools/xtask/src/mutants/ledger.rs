@@ -100,7 +100,9 @@ impl Ledger {
 
 /// A file's text without the tests at its end.
 fn code(text: &str) -> &str {
-    text.find("\n#[cfg(test)]\nmod tests {").map_or(text, |end| &text[..end])
+    const TESTS: &str = "\n#[cfg(test)]\nmod tests";
+    let inline = text.find(&format!("{TESTS} {{")).map(|end| &text[..end]);
+    inline.or_else(|| text.strip_suffix(&format!("{TESTS};\n"))).unwrap_or(text)
 }
 
 #[cfg(test)]
@@ -129,9 +131,12 @@ mod tests {
     fn tests_at_the_end_of_a_file_are_not_its_code() {
         let inside = "fn a() {}\n\n#[cfg(test)]\nfn b() {}\n";
         assert_eq!(code(inside), inside);
-        let elsewhere = "fn a() {}\n\n#[cfg(test)]\nmod tests;\n";
-        assert_eq!(code(elsewhere), elsewhere);
-        assert_eq!(code("fn a() {}\n\n#[cfg(test)]\nmod tests {\n}\n"), "fn a() {}\n");
+        let before = "#[cfg(test)]\nmod tests;\n\nfn a() {}\n";
+        assert_eq!(code(before), before);
+        // Moved to a file of their own, they are still not its code.
+        for tests in ["mod tests;\n", "mod tests {\n}\n"] {
+            assert_eq!(code(&format!("fn a() {{}}\n\n#[cfg(test)]\n{tests}")), "fn a() {}\n");
+        }
     }
 
     #[test]

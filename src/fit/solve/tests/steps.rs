@@ -4,19 +4,22 @@ use core::cell::Cell;
 
 use super::*;
 
-/// Counts how often the normal equations are computed.
-struct Counted<'a> {
+/// Counts how often the normal equations are computed, and says of the first steps, so many, that they lead
+/// behind the camera.
+struct Watched<'a> {
     seen: &'a [SeenCorner],
     jacobians: Cell<usize>,
+    residuals: Cell<usize>,
+    steps_refused: usize,
 }
 
-impl<'a> Counted<'a> {
-    fn new(seen: &'a [SeenCorner]) -> Self {
-        Self { seen, jacobians: Cell::new(0) }
+impl<'a> Watched<'a> {
+    fn new(seen: &'a [SeenCorner], steps_refused: usize) -> Self {
+        Self { seen, jacobians: Cell::new(0), residuals: Cell::new(0), steps_refused }
     }
 }
 
-impl Observations for Counted<'_> {
+impl Observations for Watched<'_> {
     fn count(&self) -> usize {
         self.seen.count()
     }
@@ -30,7 +33,10 @@ impl Observations for Counted<'_> {
         cam_from_target: &Pose<Cam, Target>,
         visit: impl FnMut(usize, [f64; 2]),
     ) -> Option<()> {
-        self.seen.residuals(cam_from_target, visit)
+        // Before the first step, those of the start are asked for.
+        let steps = self.residuals.replace(self.residuals.get() + 1);
+        let is_refused = (1..=self.steps_refused).contains(&steps);
+        if is_refused { None } else { self.seen.residuals(cam_from_target, visit) }
     }
 
     fn residuals_with_jacobian(
@@ -51,7 +57,7 @@ fn with_sigma(seen: &SeenCorners, sigma_px: f64) -> SeenCorners {
 fn a_descent_ends_when_a_step_would_be_too_short() {
     let mut random = Random::new(20);
     let seen = observe(&bedside_lens(), &tilted(), LUMBAR, 0.1, &mut random);
-    let counted = Counted::new(&seen);
+    let counted = Watched::new(&seen, 0);
     solve(&nearby(&tilted(), &mut random), &counted, 100).unwrap();
     // The scale and the weights change with each step, so that it leaves up to a tenth of the way: from some
     // ten standard deviations to a ten-thousandth of one are six or seven.
@@ -68,7 +74,7 @@ fn a_promise_that_is_not_believed_changes_no_step() {
         let start = nearby(&tilted(), &mut random);
         let of = |sigma_px: f64| {
             let seen = with_sigma(&seen, sigma_px);
-            let counted = Counted::new(&seen);
+            let counted = Watched::new(&seen, 0);
             let solution = solve(&start, &counted, iterations).unwrap();
             (solution, counted.jacobians.get())
         };
@@ -94,7 +100,7 @@ fn the_covariance_is_that_at_the_pose_which_was_reached() {
     // After a step shorter than a standard deviation, that before it serves.
     let best = solve(&far, &seen[..], 10).unwrap().cam_from_target;
     let near = best.moved_by(&Vector6::new(0.0, 0.0, 0.0, 1e-3, 0.0, 0.0));
-    let counted = Counted::new(&seen);
+    let counted = Watched::new(&seen, 0);
     solve(&near, &counted, 1).unwrap();
     assert_eq!(counted.jacobians.get(), 1);
 }
@@ -140,42 +146,6 @@ fn a_step_that_was_undone_is_tried_again_with_more_damping() {
     assert_eq!(lowered, undone);
 }
 
-/// Corners of which the first steps, so many, are said to lead behind the camera.
-struct Refusing<'a> {
-    seen: &'a [SeenCorner],
-    /// How often the residuals are still to be asked for until it refuses, and then how often it does.
-    refused: Cell<core::ops::Range<usize>>,
-}
-
-impl Observations for Refusing<'_> {
-    fn count(&self) -> usize {
-        self.seen.count()
-    }
-
-    fn are_finite(&self) -> bool {
-        self.seen.are_finite()
-    }
-
-    fn residuals(
-        &self,
-        cam_from_target: &Pose<Cam, Target>,
-        visit: impl FnMut(usize, [f64; 2]),
-    ) -> Option<()> {
-        let refused = self.refused.take();
-        let is_refused = refused.contains(&0);
-        self.refused.set(refused.start.saturating_sub(1)..refused.end.saturating_sub(1));
-        if is_refused { None } else { self.seen.residuals(cam_from_target, visit) }
-    }
-
-    fn residuals_with_jacobian(
-        &self,
-        cam_from_target: &Pose<Cam, Target>,
-        visit: impl FnMut(usize, &[f64; 2], &[[f64; 6]; 2]),
-    ) -> Option<()> {
-        self.seen.residuals_with_jacobian(cam_from_target, visit)
-    }
-}
-
 /// Where the corners are linear in the pose, a step leaves a share of the way that grows as the damping.
 #[test]
 fn each_step_that_is_undone_raises_the_damping_tenfold() {
@@ -183,8 +153,8 @@ fn each_step_that_is_undone_raises_the_damping_tenfold() {
     let seen = observe(&bedside_lens(), &tilted(), LUMBAR, 0.0, &mut random);
     let start = tilted().moved_by(&Vector6::new(1e-5, -1e-5, 1e-5, 1e-2, -1e-2, 1e-2));
     let left_mm = |undone: usize| {
-        let seen = Refusing { seen: &seen, refused: Cell::new(1..1 + undone) };
-        let found = solve(&start, &seen, undone + 1).unwrap().cam_from_target;
+        let found =
+            solve(&start, &Watched::new(&seen, undone), undone + 1).unwrap().cam_from_target;
         (found.translation_mm - tilted().translation_mm).norm()
     };
     let [less, more] = [0, 1].map(left_mm);
