@@ -118,13 +118,16 @@ pub fn with_one(source: &str, mutant: &Mutant) -> Result<String> {
     Ok(format!("{before} {} {after}", mutant.replacement))
 }
 
-/// Whether a mutant can be an arm. What is computed while compiling cannot ask which one runs, and the arms
-/// of a function that returns `impl Trait` would have different types.
+/// Whether a mutant can be an arm. What is computed while compiling cannot ask which one runs, lengths in
+/// the signature among it, and the arms of a function that returns `impl Trait` would have different types.
 pub fn is_chosen_at_start(source: &str, mutant: &Mutant) -> bool {
     let Some(function) = &mutant.function else { return false };
     let signature = || {
-        let function = Lines::of(source).range(function.span).ok()?;
-        Some(&source[function.start..body(source, function)?.start])
+        let lines = Lines::of(source);
+        let function = lines.range(function.span).ok()?;
+        let body = body(source, function.clone())?;
+        let is_in_body = body.start <= lines.range(mutant.span).ok()?.start;
+        is_in_body.then(|| &source[function.start..body.start])
     };
     let is_const = |text: &str| {
         let code: String = text.lines().filter(|line| !line.trim().starts_with("//")).collect();
@@ -288,6 +291,8 @@ const fn three() -> u8 { 1 + 2 }
         let twice = mutant("2 ", "*", "+", Some((1, 6)));
         assert!(is_chosen_at_start(SOURCE, &twice));
         assert!(!is_chosen_at_start(SOURCE, &mutant("2 ", "*", "+", None)));
+        let length = mutant("[u8; { ", "1", "2", Some((1, 6)));
+        assert!(!is_chosen_at_start(SOURCE, &length));
         let mut opaque = twice;
         opaque.function.as_mut().unwrap().return_type = "-> impl Iterator".into();
         assert!(!is_chosen_at_start(SOURCE, &opaque));
