@@ -7,6 +7,7 @@ Whatever a script does, the page must neither complain in its console nor ask an
 import os
 import re
 import sys
+import traceback
 from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -95,13 +96,24 @@ def browser(url, is_strict=True, more=()):
             yield watched
             if is_strict:
                 watched.check()
-        except BaseException:
-            for number, page in enumerate(it for context in chromium.contexts for it in context.pages):
+        except BaseException as error:
+            pages = [it for context in chromium.contexts for it in context.pages]
+            for number, page in enumerate(pages):
                 keep_picture(page, f"failed-{Path(sys.argv[0]).stem}-{number}")
-                tell(f"the page says:\n{page.locator('body').inner_text()}")
+            tell(f"failed {failure(error, pages)}")
             raise
         finally:
             chromium.close()
+
+
+def failure(error, pages):
+    """Where a script failed, why, and what its pages said then: one line, which a short report has too."""
+    frames = traceback.extract_tb(error.__traceback__)
+    places = [f"{it.name}, line {it.lineno}" for it in frames if Path(it.filename).parent == Path(__file__).parent]
+    said = [f"the page says: {page.locator('body').inner_text()}" for page in pages]
+    # A snapshot of the whole page would push out what the page says.
+    why = str(error).split("Aria snapshot:")[0]
+    return " | ".join(line.strip() for text in (*places, why, *said) for line in text.splitlines() if line.strip())
 
 
 def chromium_path():
@@ -161,8 +173,10 @@ class Keyboard:
         raise AssertionError(f"the tabulator does not lead to {what}")
 
     def press(self, what):
+        # The tabulator skips a button that is disabled, say until the box is heard again.
+        expect(what).to_be_enabled()
         self.reach(what)
-        # A button may wait until what it does is possible.
+        # One that keeps the focus may have begun to wait.
         expect(what).to_be_enabled()
         self.page.keyboard.press("Enter")
 
@@ -175,6 +189,8 @@ class Keyboard:
         self.reach(what)
         # A list goes to what begins with the letters.
         self.page.keyboard.type(words.split()[0])
+        chosen = what.evaluate("it => it.selectedOptions[0].label")
+        assert chosen == words, chosen
 
 
 def begin_of(words):

@@ -79,7 +79,8 @@ impl Stage {
     }
 
     /// Runs a script beside this file in the browser, and answers each of its lines that asks for
-    /// something. Other lines are its figures; they are printed, and returned.
+    /// something. One may say how it failed. Other lines are its figures; they are printed, and
+    /// returned.
     #[track_caller]
     pub fn browse(
         &self,
@@ -93,17 +94,19 @@ impl Stage {
         command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.spawn().unwrap();
         let mut answers = child.stdin.take().unwrap();
-        let mut figures = String::new();
+        let (mut figures, mut failure) = (String::new(), "see what it says above".to_owned());
         for line in BufReader::new(child.stdout.take().unwrap()).lines() {
             let line = line.unwrap();
             if let Some(asked) = line.strip_prefix("ask ") {
                 writeln!(answers, "{}", ask(asked)).unwrap();
+            } else if let Some(how) = line.strip_prefix("failed ") {
+                failure = how.to_owned();
             } else {
                 println!("{line}");
                 figures += &(line + "\n");
             }
         }
-        assert!(child.wait().unwrap().success(), "{script}: see what it says above");
+        assert!(child.wait().unwrap().success(), "{script}: {failure}");
         figures
     }
 }

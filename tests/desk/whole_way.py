@@ -58,6 +58,7 @@ def settings(page, hands):
     expect(page.get_by_label("Exposure, µs")).to_have_value("4000")
     shot(page, "way-settings")
     hands.press(link(page, "Back to the boxes"))
+    expect(card.get_by_text("the box has restarted with it")).to_be_visible()
 
 
 def aim(page, hands):
