@@ -38,11 +38,11 @@ pub(super) fn pattern_goes_on<P: Pixel>(image: &GreyImage<'_, P>, nodes: &Nodes)
     // The squares' colours do not matter here.
     let middles = nodes.squares(true).map(|square| square.middle_px);
     let middles: Vec<Vector2<f64>, TARGET_NODES_MAX> = middles.collect();
-    let columns = nodes.columns_of_squares();
-    let rows = middles.len() / columns.max(1);
-    if columns < 2 || rows < 2 {
+    if middles.is_empty() {
         return false;
     }
+    let columns = nodes.columns_of_squares();
+    let rows = middles.len() / columns;
     let (right, bottom) = (columns - 1, columns * (rows - 1));
     // The first square of a border, the steps to the next one along it and to the one inside, and
     // the number of squares.

@@ -251,6 +251,19 @@ mod tests {
     }
 
     #[test]
+    fn a_target_is_late_only_where_rows_are_read_one_after_the_other() {
+        let (pixels, lens, target) = ([0_u8; 64 * 64], table(&bedside_lens()), target());
+        let image = GreyImage::new(&pixels, 64, 64, 64).unwrap();
+        let (image, lens, target) = (&image, &lens, &target);
+        let mut view = View { image, lens, target, first_square_dark: true, rolling: None };
+        assert_eq!(view.delay_ns(&pose()), 0);
+        let late_ns = delay_ns(&shutter(), lens, target, &pose());
+        assert!(late_ns > 1_000_000, "{late_ns}");
+        view.rolling = Some(Rolling { shutter: shutter(), time_ns: 5, motion: None });
+        assert_eq!(view.delay_ns(&pose()), late_ns);
+    }
+
+    #[test]
     fn a_drift_is_the_motion_in_the_time_of_a_row() {
         let lens = table(&bedside_lens());
         let step = Vector6::new(1e-3, -2e-3, 3e-3, 0.8, -1.6, 2.4);

@@ -501,3 +501,6 @@ impl Default for Workspace {
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests;
