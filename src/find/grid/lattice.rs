@@ -531,3 +531,6 @@ fn dot(a: [f32; 2], b: [f32; 2]) -> f32 {
 fn length(a: [f32; 2]) -> f32 {
     libm::sqrtf(dot(a, a))
 }
+
+#[cfg(test)]
+mod tests;

@@ -2,6 +2,9 @@
 
 use super::*;
 
+mod beyond;
+mod seen;
+
 /// The votes of a side at which a board ends: three light squares and three dark ones.
 fn whole() -> Votes {
     Votes {
@@ -26,6 +29,9 @@ fn more_than_half_of_the_light_or_of_the_dark_squares_are_cut_short() {
         assert_eq!(votes.is_cut_short(), is_cut_short, "{early:?}");
         assert_eq!(votes.is_complete(), !is_cut_short, "{early:?}");
     }
+    // One light square, which is not: none is no more than half of one.
+    let one = Votes { seen: 1, possible: 1, ..Votes::default() };
+    assert!(!one.is_cut_short() && one.is_complete());
     for (seen, possible, is_complete) in
         [(4, 5, true), (3, 5, false), (8, 10, true), (7, 10, false), (5, 6, true), (6, 8, false)]
     {
@@ -135,6 +141,7 @@ fn a_margin_may_be_narrow_unless_it_is_known() {
         (of(0, 4, 1, 2), Side::Hidden, Side::MayEnd),
         (of(0, 5, 3, 3), Side::MayEnd, Side::MayEnd),
         (of(0, 5, 2, 2), Side::Hidden, Side::Hidden),
+        (of(0, 3, 1, 1), Side::Hidden, Side::Hidden),
         (of(0, 0, 0, 0), Side::Hidden, Side::Hidden),
     ] {
         assert_eq!(votes.side(false), unknown, "{votes:?}");
