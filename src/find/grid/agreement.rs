@@ -143,16 +143,17 @@ mod tests {
             assert_eq!(lattice.cells().count(), if is_removed { 29 } else { 30 });
         }
         // Ten far from each other, more than may be removed.
-        let long = corners_at([40, 3], |[u, v]| [20.0 * u, 20.0 * v]);
-        let (mut lattice, bounds) = grown(&long, Least::Target);
-        let mut corners = long.clone();
-        for n in 0..10 {
-            corners[40 + 4 * n + 1].position_px[1] += 6.0 + 0.1 * n as f32;
+        let large = corners_at([19, 7], |[u, v]| [20.0 * u, 20.0 * v]);
+        let (mut lattice, bounds) = grown(&large, Least::Target);
+        let moved = || (0..10).map(|n| [4 * (n % 5) + 1, 4 * (n / 5) + 1]);
+        let mut corners = large.clone();
+        for (n, [u, v]) in moved().enumerate() {
+            corners[(19 * v + u) as usize].position_px[1] += 6.0 + 0.1 * n as f32;
         }
         remove_disagreeing(&mut lattice, &corners, bounds);
-        let removed = (0..40).filter(|&u| lattice.corner([u, 1]).is_none());
+        let removed = bounds.cells().filter(|&cell| lattice.corner(cell).is_none());
         // The two that are moved least remain.
-        assert!(removed.eq((2..10).map(|n| 4 * n + 1)));
+        assert!(removed.eq(moved().skip(2)));
     }
 
     #[test]

@@ -159,17 +159,4 @@ fn is_between(sample: Sample, others: &[Sample]) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn between_is_inside_the_hull() {
-        let triangle = [[0, 0], [10, 0], [0, 10]];
-        assert!(is_between([2, 3], &triangle));
-        for outside in [[-1, 5], [5, -1], [6, 5], [12, 0], [0, 12], [-1, -1]] {
-            assert!(!is_between(outside, &triangle), "{outside:?}");
-        }
-        assert!(!is_between([2, 3], &triangle[..2]));
-        assert!(!is_between([2, 3], &[]));
-    }
-}
+mod tests;

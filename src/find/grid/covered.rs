@@ -267,3 +267,6 @@ fn remove_clutter<P: Pixel>(
     }
     Some(())
 }
+
+#[cfg(test)]
+mod tests;

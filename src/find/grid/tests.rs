@@ -10,6 +10,8 @@ use crate::find::corner::tests::{Board, detect, render, samples};
 use crate::test_support::repetitions;
 
 pub(super) mod drawn;
+mod found;
+mod judged;
 
 const SIZE: [usize; 2] = [420, 300];
 const SHAPES: [GridShape; 2] =

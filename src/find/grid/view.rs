@@ -170,6 +170,7 @@ mod tests {
     use super::*;
     use crate::find::grid::lattice::Least;
     use crate::find::grid::tests::drawn::{DARK, Drawn, LIGHT, STEP_PX, grown};
+    use crate::test_support::Random;
 
     #[test]
     fn light_squares_are_as_bright_as_paper_and_dark_ones_less_by_the_contrast() {
@@ -274,6 +275,66 @@ mod tests {
         let view = View::new(&image, &lattice, &drawn.corners, bounds).unwrap();
         assert!((view.contrast - 120.0).abs() < 1e-3, "{}", view.contrast);
         assert!((view.paper_level([1.0, 1.0]) - 180.0).abs() < 1e-3);
+    }
+
+    /// By the definition: a regression over the squares of one colour of which all four corners are seen; if
+    /// there are none, over those at the outside of the extent of which two are.
+    #[test]
+    fn the_shading_is_that_of_whole_squares_or_of_those_outside_with_two_corners() {
+        let mut random = Random::new(60);
+        // From squares inside, from those outside, and from none.
+        let mut outcomes = [0; 3];
+        for number in 0..150 {
+            let mut drawn = Drawn::new([4, 4]);
+            for [u, v] in (-1..4).flat_map(|v| (-1..4).map(move |u| [u, v])) {
+                let [from_u, from_v] = [u, v].map(f64::from);
+                let level = random.uniform(50.0, 200.0) as u8;
+                drawn.paint(from_u..from_u + 1.0, from_v..from_v + 1.0, level);
+            }
+            let (mut lattice, extent) = grown(&drawn.corners, Least::Target);
+            let plane = Plane::fit(&lattice, &drawn.corners).unwrap();
+            let share = random.uniform(0.0, 0.9);
+            for cell in extent.cells() {
+                if random.uniform(0.0, 1.0) < share {
+                    lattice.remove(cell);
+                }
+            }
+            let image = drawn.image();
+            let (contrast, light) = (0.0, Shading::zeros());
+            let view = View { image: &image, lattice: &lattice, plane, contrast, light };
+            let regression = |is_dark: bool, is_inside: bool| {
+                let squares = (-1..4).flat_map(|v| (-1..4).map(move |u| [u, v]));
+                let mut normal = Matrix3::from_diagonal(&Vector3::new(0.0, 4.0, 4.0));
+                let mut right = Vector3::zeros();
+                for [u, v] in squares {
+                    let corners = [[u, v], [u + 1, v], [u, v + 1], [u + 1, v + 1]];
+                    let seen = corners.iter().filter(|&&cell| view.is_seen(cell)).count();
+                    let is_on_board = |cell: &[i32; 2]| cell.iter().all(|at| (0..4).contains(at));
+                    let is_in_extent = corners.iter().all(is_on_board);
+                    let is_used = if is_inside { seen == 4 } else { seen == 2 && !is_in_extent };
+                    if is_used && ((u + v).rem_euclid(2) == 0) == is_dark {
+                        let middle = [f64::from(u) + 0.5, f64::from(v) + 0.5];
+                        let level = view.level(middle.map(|value| value as f32)).unwrap();
+                        let terms = Vector3::new(1.0, middle[0], middle[1]);
+                        normal += terms * terms.transpose();
+                        right += terms * f64::from(level);
+                    }
+                }
+                (normal[(0, 0)] > 0.0).then(|| normal.try_inverse().unwrap() * right)
+            };
+            for is_dark in [false, true] {
+                let [inside, outside] = [true, false].map(|it| regression(is_dark, it));
+                outcomes[if inside.is_some() { 0 } else { 1 + usize::from(outside.is_none()) }] +=
+                    1;
+                let shading = view.shading(extent, is_dark);
+                assert_eq!(shading.is_some(), inside.or(outside).is_some(), "{number}");
+                let Some((shading, expected)) = shading.zip(inside.or(outside)) else { continue };
+                // Single precision.
+                let off = (shading.map(f64::from) - expected).norm();
+                assert!(off < 0.01, "{number}: {shading:?} {expected:?}");
+            }
+        }
+        assert!(outcomes.iter().all(|&count| count >= 10), "{outcomes:?}");
     }
 
     #[test]
