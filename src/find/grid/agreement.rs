@@ -18,6 +18,9 @@ const ERROR_MAX: f64 = 0.12;
 /// What the error of the positions, a quarter of a pixel, may add at the lattice's own corners,
 /// where the surface is extrapolated.
 const ERROR_MAX_PX: f64 = 1.0;
+/// Least pivot of neighbours that are not on too few lines, as a share of its diagonal element. Rounding
+/// leaves less than 1e-15 of one that is 0; the least of others is a thousandth.
+const PIVOT_MIN: f64 = 1e-9;
 /// Most corners that may be removed before the rest is no longer reliable.
 const REMOVALS_MAX: usize = 8;
 
@@ -66,7 +69,12 @@ fn excess(lattice: &Lattice, corners: &[Corner], cell: [i32; 2]) -> Option<f64> 
         return None;
     }
     // Singular when the neighbours lie on too few lines: no prediction.
-    let surface = normal.cholesky()?.solve(&right);
+    let cholesky = normal.cholesky()?;
+    let pivot = |row: usize| cholesky.l_dirty()[(row, row)] * cholesky.l_dirty()[(row, row)];
+    if (0..6).any(|row| pivot(row) < PIVOT_MIN * normal[(row, row)]) {
+        return None;
+    }
+    let surface = cholesky.solve(&right);
     let error = libm::hypot(surface[(0, 0)], surface[(0, 1)]);
     let step_px = if step_px < f64::MAX { step_px } else { return None };
     error.is_finite().then(|| error / (ERROR_MAX * step_px + ERROR_MAX_PX))
@@ -168,6 +176,16 @@ mod tests {
         let (mut lattice, _) = grown(&corners, Least::Target);
         (0..5).for_each(|u| lattice.remove([u, 2]));
         assert_eq!(excess(&lattice, &corners, [2, 0]), None);
+        // Nor for a corner beside a whole board, wherever along its side it lies.
+        let corners = corners_at([7, 6], px);
+        for place in 0..5 {
+            for only in [[6, place], [place, 5]] {
+                let (mut lattice, bounds) = grown(&corners, Least::Target);
+                let is_other = |cell: &[i32; 2]| (cell[0] == 6 || cell[1] == 5) && *cell != only;
+                bounds.cells().filter(is_other).for_each(|cell| lattice.remove(cell));
+                assert_eq!(excess(&lattice, &corners, only), None, "{only:?}");
+            }
+        }
         // None of the four nearest: nothing says how long a step is.
         let corners = corners_at([5, 5], px);
         let (mut lattice, _) = grown(&corners, Least::Target);

@@ -64,18 +64,22 @@ pub(super) fn place_at<P: Pixel>(
         if lattice.grow(corners, seed, Least::Piece { gap }).is_none() {
             continue;
         }
-        let placed = place(image, lattice, corners, wanted);
-        if gap == 1 && placed.is_some() {
-            return placed;
-        }
+        let fit = match place(image, lattice, corners, wanted) {
+            Some(Fit::Only(placed)) if gap == 1 => return Some(placed),
+            fit => fit,
+        };
         let joined = lattice.cells().count();
         lattice.release();
         if joined > most.0 {
             most = (joined, gap);
         }
-        if let Some(placed) = placed {
-            is_ambiguous |= only.as_ref().is_some_and(|(_, other)| *other != placed);
-            only = Some((joined, placed));
+        match fit {
+            Some(Fit::Only(placed)) => {
+                is_ambiguous |= only.as_ref().is_some_and(|(_, other)| *other != placed);
+                only = Some((joined, placed));
+            }
+            Some(Fit::Several) => is_ambiguous = true,
+            None => {}
         }
     }
     // As it was, with all that was joined.
@@ -86,14 +90,23 @@ pub(super) fn place_at<P: Pixel>(
     only.filter(|(count, _)| !is_ambiguous && *count == joined).map(|(_, placed)| placed)
 }
 
-/// The grid of the one shape that has exactly one place in a lattice, and its index in `wanted`.
-/// The lattice has just been grown; it is extended over the gaps.
+/// Which of the wanted shapes may be where.
+#[derive(Debug, PartialEq)]
+enum Fit<T> {
+    /// One shape, at one place.
+    Only(T),
+    /// Several, or one at several places.
+    Several,
+}
+
+/// The grid of the shape that has a place in a lattice, and its index in `wanted`; `None` where none
+/// has one. The lattice has just been grown; it is extended over the gaps.
 fn place<P: Pixel>(
     image: &GreyImage<'_, P>,
     lattice: &mut Lattice,
     corners: &[Corner],
     wanted: &[GridShape],
-) -> Option<(usize, Grid)> {
+) -> Option<Fit<(usize, Grid)>> {
     for _ in 0..ROUNDS_MAX {
         let plane = Plane::fit(lattice, corners)?;
         if lattice.extend(corners, &plane, GAP_MAX) == 0 {
@@ -111,7 +124,10 @@ fn place<P: Pixel>(
     let view = View::new(image, lattice, corners, extent)?;
     let with_squares = Some(sides::with_squares_beyond(&view, extent)).filter(is_small)?;
     let seen = lattice.cells().count();
-    let (index, shape, bounds) = only_place(&view, [extent, with_squares], seen, wanted)?;
+    let (index, shape, bounds) = match only_place(&view, [extent, with_squares], seen, wanted)? {
+        Fit::Only(only) => only,
+        Fit::Several => return Some(Fit::Several),
+    };
     // With the squares around it: what the frame cuts may be a part of another board.
     if !bounds.grown(1).cells().all(|cell| is_clear(image, &view.plane, cell)) {
         return None;
@@ -120,23 +136,25 @@ fn place<P: Pixel>(
         return None;
     }
     let (numbering, first_square_dark) = numbering(lattice, corners, bounds, shape).ok()?;
-    Some((index, numbered(lattice, shape, &numbering, first_square_dark)))
+    Some(Fit::Only((index, numbered(lattice, shape, &numbering, first_square_dark))))
 }
 
-/// The one shape that has exactly one place, its index in `wanted`, and its bounds. The extents are
-/// that of the corners that are seen, `seen` in number, and that of the squares.
+/// The shape that has a place, its index in `wanted`, and its bounds; `None` where nothing proves a
+/// place: all of it is seen, or both its ends along an axis. The extents are that of the corners that
+/// are seen, `seen` in number, and that of the squares.
 fn only_place<P: Pixel>(
     view: &View<'_, P>,
     [of_corners, extent]: [Bounds; 2],
     seen: usize,
     wanted: &[GridShape],
-) -> Option<(usize, GridShape, Bounds)> {
+) -> Option<Fit<(usize, GridShape, Bounds)>> {
     let votes = sides::all_votes(view, extent);
     let sides = sides::sides(&votes);
     // A cover that looks like paper may hide squares where paper is seen, but not all around others.
     let is_like_paper = votes.as_flattened().iter().any(Votes::is_covered_by_paper);
     let is_whole = sides == [[Side::Ends; 2]; 2];
-    let mut only = None;
+    let is_axis_seen = sides.iter().any(is_axis_whole);
+    let (mut only, mut is_several, mut is_proven) = (None, false, false);
     for (index, shape) in wanted.iter().enumerate() {
         let lines = [usize::from(shape.columns), usize::from(shape.rows)];
         let turned = [lines[1], lines[0]];
@@ -150,12 +168,14 @@ fn only_place<P: Pixel>(
             let Some(bounds) = placed(extent, way, sides) else { continue };
             let is_contradicted = sides::paper_within(view, bounds, of_corners) > PAPER_MAX
                 && (!is_like_paper || contradiction::is_ink_between_hidden(view, bounds));
-            if !is_contradicted && only.replace((index, *shape, bounds)).is_some() {
-                return None;
+            if !is_contradicted {
+                is_several |= only.replace((index, *shape, bounds)).is_some();
+                is_proven |= is_axis_seen || bounds == extent;
             }
         }
     }
-    only.filter(|&(_, _, bounds)| bounds == extent || sides.iter().any(is_axis_whole))
+    let fit = only.map(|only| if is_several { Fit::Several } else { Fit::Only(only) });
+    fit.filter(|_| is_proven)
 }
 
 /// Whether a lattice is seen to end at both sides of an axis.

@@ -81,11 +81,15 @@ fn hidden_lines(column: bool, row: bool) -> Drawn {
     drawn
 }
 
-fn place_of(drawn: &Drawn, seen: usize, wanted: &[GridShape]) -> Option<Bounds> {
+fn place_of(drawn: &Drawn, seen: usize, wanted: &[GridShape]) -> Option<Fit<Bounds>> {
     drawn.seen(|view, extent| {
-        let (index, shape, bounds) = only_place(view, [extent, extent], seen, wanted)?;
-        assert_eq!(wanted[index], shape);
-        Some(bounds)
+        only_place(view, [extent, extent], seen, wanted).map(|fit| match fit {
+            Fit::Only((index, shape, bounds)) => {
+                assert_eq!(wanted[index], shape);
+                Fit::Only(bounds)
+            }
+            Fit::Several => Fit::Several,
+        })
     })
 }
 
@@ -95,13 +99,13 @@ fn nine_corners_and_two_fifths_of_the_targets_are_enough() {
     let whole = hidden_lines(false, false);
     for (seen, is_placed) in [(8, false), (9, true), (10, true), (30, true)] {
         let place = place_of(&whole, seen, &[shape(6, 5)]);
-        assert_eq!(place, is_placed.then_some(bounds([0, 0], [5, 4])), "{seen}");
+        assert_eq!(place, is_placed.then_some(Fit::Only(bounds([0, 0], [5, 4]))), "{seen}");
     }
     // Of 30, two fifths are 12.
     let covered = hidden_lines(false, true);
     for (seen, is_placed) in [(8, false), (11, false), (12, true), (24, true)] {
         let place = place_of(&covered, seen, &[shape(7, 5), shape(6, 5)]);
-        assert_eq!(place, is_placed.then_some(bounds([0, 0], [5, 4])), "{seen}");
+        assert_eq!(place, is_placed.then_some(Fit::Only(bounds([0, 0], [5, 4]))), "{seen}");
     }
     // Of 18, which are all that is seen of 6 x 3 corners, fewer than nine.
     let mut small = hidden_lines(false, false);
@@ -109,24 +113,27 @@ fn nine_corners_and_two_fifths_of_the_targets_are_enough() {
     small.paint(-3.0..8.0, 2.3..8.0, COVER);
     for (seen, is_placed) in [(8, false), (9, true)] {
         let place = place_of(&small, seen, &[shape(6, 3)]);
-        assert_eq!(place, is_placed.then_some(bounds([0, 0], [5, 2])), "{seen}");
+        assert_eq!(place, is_placed.then_some(Fit::Only(bounds([0, 0], [5, 2]))), "{seen}");
     }
 }
 
 #[test]
 fn hidden_lines_need_an_axis_of_which_both_ends_are_seen() {
-    let all = [bounds([0, 0], [5, 4]), bounds([0, 0], [4, 3])];
+    let [all, seen] = [[5, 4], [4, 3]].map(|last| Some(Fit::Only(bounds([0, 0], last))));
     // One line is hidden, and across it both ends are seen.
-    assert_eq!(place_of(&hidden_lines(true, false), 25, &[shape(6, 5)]), Some(all[0]));
-    assert_eq!(place_of(&hidden_lines(false, true), 24, &[shape(6, 5)]), Some(all[0]));
+    assert_eq!(place_of(&hidden_lines(true, false), 25, &[shape(6, 5)]), all);
+    assert_eq!(place_of(&hidden_lines(false, true), 24, &[shape(6, 5)]), all);
     // One end of each axis: nothing may be hidden.
     let corner = hidden_lines(true, true);
-    assert_eq!(place_of(&corner, 20, &[shape(5, 4)]), Some(all[1]));
+    assert_eq!(place_of(&corner, 20, &[shape(5, 4)]), seen);
     for other in [shape(6, 4), shape(5, 5), shape(6, 5)] {
         assert_eq!(place_of(&corner, 20, &[other]), None, "{other:?}");
     }
     // Two shapes that fit are one too many.
-    assert_eq!(place_of(&hidden_lines(true, false), 25, &[shape(6, 5), shape(5, 5)]), None);
+    let two = [shape(6, 5), shape(5, 5)];
+    assert_eq!(place_of(&hidden_lines(true, false), 25, &two), Some(Fit::Several));
+    // And none where nothing is proven.
+    assert_eq!(place_of(&corner, 20, &[shape(6, 4), shape(5, 5)]), None);
 }
 
 /// What a lattice says of whether its board goes on.
@@ -317,12 +324,15 @@ fn two_numbers_of_hidden_lines_that_fit_are_ambiguous() {
     let [three, five] = [shape(5, 3), shape(5, 5)];
     for gap in [2, 4] {
         let (mut lattice, _) = grown(&drawn.corners, Least::Piece { gap });
-        let placed = place(&drawn.image(), &mut lattice, &drawn.corners, &[five]);
-        assert_eq!(rows(&placed.unwrap().1), [0, gap as usize]);
+        let fit = place(&drawn.image(), &mut lattice, &drawn.corners, &[five]);
+        let Some(Fit::Only((_, grid))) = fit else { panic!("{gap}: {fit:?}") };
+        assert_eq!(rows(&grid), [0, gap as usize]);
     }
     assert_eq!(placed_at_first(&drawn, &[five]), None);
     let (index, grid) = placed_at_first(&drawn, &[three]).unwrap();
     assert_eq!((index, rows(&grid)), (0, [0, 2].to_vec()));
+    // With two steps between them both shapes fit, so that four prove nothing.
+    assert_eq!(placed_at_first(&drawn, &[three, five]), None);
 }
 
 /// No target has twice as many places as there can be corners: in a larger lattice, nothing is computed.

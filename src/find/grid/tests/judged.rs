@@ -190,7 +190,7 @@ fn a_line_with_few_corners_is_clutter_if_they_are_weak() {
         (0.07, Err(GridRejection::GoesOn)),
         (0.2, Err(GridRejection::GoesOn)),
     ] {
-        for clutter in [[2, 5], [6, 2]] {
+        for clutter in [[2, 5], [6, 2], [6, 3], [1, 5]] {
             assert_eq!(of(&[clutter], score), expected, "{score} {clutter:?}");
         }
     }
