@@ -197,6 +197,8 @@ mod tests {
         assert!(!border([200.0; 6]));
         assert!(!border([40.0, 45.0, 38.0, 52.0, 41.0, 37.0]));
         assert!(!border([200.0, 30.0, 190.0, 25.0, 205.0, 35.0]));
+        // No difference anywhere.
+        assert!(!alternates([Some([100.0; 2]); 6].into_iter()));
         // Too few places inside the frame.
         let two = [Some([200.0, 30.0]), Some([30.0, 200.0]), None, Some([190.0, 30.0])];
         assert!(!alternates(two.into_iter()));

@@ -284,11 +284,12 @@ fn the_blur_and_the_growth_are_those_of_the_drawing() {
 /// A tenth of a pixel too much or too little would be left at every edge.
 #[test]
 fn the_pose_of_a_single_pass_is_that_without_the_growth() {
+    let scale = Bench::of(&PLAIN).pass(&pose(), Appearance::START).solution.scale;
     let mut bench = Bench::of(&Drawing { growth: 0.01, ..PLAIN });
     for growth_px in [0.0, 0.05, 0.13, 0.2] {
         let pass = bench.pass(&pose(), Appearance { growth_px, ..Appearance::START });
-        let judged = bench.judged(&pass).expect("a good pose");
-        assert!(judged.measurement.rms_px < 0.02, "{growth_px}: {judged:?}");
+        // With it, the residuals would be more than ten times as large.
+        assert!(pass.solution.scale < 2.0 * scale, "{growth_px}: {} {scale}", pass.solution.scale);
     }
 }
 
