@@ -77,7 +77,10 @@ pub fn with_all(source: &str, mutants: &[(u32, &Mutant)]) -> Result<(String, Vec
         let function = lines.range(outer)?;
         let body = body(source, function.clone())
             .with_context(|| format!("{}: no body", members[0].1.name))?;
-        text += &source[done..body.start];
+        text += &source[done..function.start];
+        // What is always inlined would take its arms into each arm of its callers, and these into theirs.
+        text +=
+            &source[function.start..body.start].replace("#[inline(always)]", "#[inline(never)]");
         text += &format!("{{ match crate::the_mutant({}) {{\n", members[0].0);
         let (begin, mut arms) = (line_of_end(&text), Vec::new());
         for (number, mutant) in members {
@@ -216,6 +219,7 @@ mod tests {
     const SOURCE: &str = "\
 /// Twice {µ}.
 #[must_use = \"{\"]
+#[inline(always)]
 fn twice(x: [u8; { 1 }]) -> u8 {
     fn one() -> u8 { 1 }
     2 * x[0] * one()
@@ -253,14 +257,15 @@ const fn three() -> u8 { 1 + 2 }
 
     #[test]
     fn a_function_gets_an_arm_for_each_of_its_mutants() {
-        let times = mutant("2 ", "*", "+", Some((1, 6)));
-        let mut inner = mutant("{ ", "1 }\n", "0 }\n", Some((4, 4)));
-        inner.span.end = Place { line: 4, column: inner.span.start.column + 1 };
+        let times = mutant("2 ", "*", "+", Some((1, 7)));
+        let mut inner = mutant("{ ", "1 }\n", "0 }\n", Some((5, 5)));
+        inner.span.end = Place { line: 5, column: inner.span.start.column + 1 };
         inner.replacement = "0".into();
         let (text, choices) = with_all(SOURCE, &[(7, &times), (8, &inner)]).unwrap();
         let expected = "\
 /// Twice {µ}.
 #[must_use = \"{\"]
+#[inline(never)]
 fn twice(x: [u8; { 1 }]) -> u8 { match crate::the_mutant(7) {
 7 => {
     fn one() -> u8 { 1 }
@@ -279,19 +284,19 @@ _ => {
 const fn three() -> u8 { 1 + 2 }
 ";
         assert_eq!(text, expected);
-        assert_eq!(choices, [Choice { lines: 4..17, arms: vec![(7, 4..8), (8, 8..12)] }]);
+        assert_eq!(choices, [Choice { lines: 5..18, arms: vec![(7, 5..9), (8, 9..13)] }]);
     }
 
     #[test]
     fn what_is_computed_while_compiling_is_changed_alone() {
-        let three = mutant("1 ", "+", "-", Some((8, 8)));
+        let three = mutant("1 ", "+", "-", Some((9, 9)));
         assert!(!is_chosen_at_start(SOURCE, &three));
         let text = with_one(SOURCE, &three).unwrap();
         assert!(text.ends_with("const fn three() -> u8 { 1  -  2 }\n"), "{text}");
-        let twice = mutant("2 ", "*", "+", Some((1, 6)));
+        let twice = mutant("2 ", "*", "+", Some((1, 7)));
         assert!(is_chosen_at_start(SOURCE, &twice));
         assert!(!is_chosen_at_start(SOURCE, &mutant("2 ", "*", "+", None)));
-        let length = mutant("[u8; { ", "1", "2", Some((1, 6)));
+        let length = mutant("[u8; { ", "1", "2", Some((1, 7)));
         assert!(!is_chosen_at_start(SOURCE, &length));
         let mut opaque = twice;
         opaque.function.as_mut().unwrap().return_type = "-> impl Iterator".into();
