@@ -11,6 +11,8 @@ use crate::model::lens::{Distortion, Lens};
 use crate::model::motion::Motion;
 use crate::model::target::Origin;
 
+mod frames;
+
 const ROLES: [Role; 3] = [Role::Upper, Role::Lower, Role::Scene];
 
 const SCENE_THETA: [f64; 6] = [0.1, -0.2, 0.3, 10.0, -400.0, 1500.0];
@@ -18,15 +20,8 @@ const SCENE_THETA: [f64; 6] = [0.1, -0.2, 0.3, 10.0, -400.0, 1500.0];
 /// In the body, from the lower target.
 const VIRTUAL_POINT_MM: [f64; 3] = [1.0, 2.0, 100.0];
 
-/// A pipeline with a target of each role, and their grids of 5, 7 and 9 columns.
-fn pipeline(readout_ns: i32, cam_from_scene_theta: Option<[f64; 6]>) -> Box<Pipeline> {
-    let target = |(role, columns): (Role, u8)| {
-        let geometry =
-            TargetGeometry::checker(columns, 4, 12.0, Origin::Center, role, VIRTUAL_POINT_MM);
-        let name = ["5", "7", "9"][usize::from(columns - 5) / 2].try_into().unwrap();
-        TargetConfig { name, geometry: geometry.unwrap() }
-    };
-    let lens = Lens {
+fn lens() -> Lens {
+    Lens {
         width_px: 640,
         height_px: 480,
         fx_px: 800.0,
@@ -35,11 +30,21 @@ fn pipeline(readout_ns: i32, cam_from_scene_theta: Option<[f64; 6]>) -> Box<Pipe
         cy_px: 239.5,
         skew_px: 0.0,
         distortion: Distortion::Radial2([0.0; 2]),
+    }
+}
+
+/// A target of each role, and their grids of 5, 7 and 9 columns.
+fn config(readout_ns: i32, cam_from_scene_theta: Option<[f64; 6]>) -> Config {
+    let target = |(role, columns): (Role, u8)| {
+        let geometry =
+            TargetGeometry::checker(columns, 4, 12.0, Origin::Center, role, VIRTUAL_POINT_MM);
+        let name = ["5", "7", "9"][usize::from(columns - 5) / 2].try_into().unwrap();
+        TargetConfig { name, geometry: geometry.unwrap() }
     };
-    let config = Config {
+    Config {
         device: "ward 3".try_into().unwrap(),
         serial_number: "PL-0001".try_into().unwrap(),
-        lens,
+        lens: lens(),
         readout_ns,
         targets: ROLES.into_iter().zip([5, 7, 9]).map(target).collect(),
         cam_from_scene_theta,
@@ -47,9 +52,13 @@ fn pipeline(readout_ns: i32, cam_from_scene_theta: Option<[f64; 6]>) -> Box<Pipe
         capture: None,
         machine: Machine::default(),
         trigger: None,
-    };
+    }
+}
+
+/// A pipeline with this configuration.
+fn pipeline(readout_ns: i32, cam_from_scene_theta: Option<[f64; 6]>) -> Box<Pipeline> {
     let mut pipeline = Box::new(Pipeline::new());
-    pipeline.configure(&config).unwrap();
+    pipeline.configure(&config(readout_ns, cam_from_scene_theta)).unwrap();
     pipeline
 }
 
