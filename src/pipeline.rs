@@ -47,7 +47,7 @@ pub struct Pipeline {
     scene: Option<SceneFrame>,
     tracks: Vec<Track, TARGETS_MAX>,
     search: Search,
-    /// The target that the next sweep is for, if it is missing.
+    /// The target that the next sweep is for, if it is missing; after the last one comes the first.
     search_turn: usize,
     workspace: Workspace,
     corners_dropped: u32,
@@ -456,7 +456,7 @@ impl Pipeline {
             .find(|&index| self.tracks[index].outcome.is_err());
         let whole = Area { columns: 0..frame.width(), rows: 0..frame.height() };
         let Some(target) = turn else { return (Goal::WholeFrame, whole) };
-        self.search_turn = (target + 1) % count;
+        self.search_turn = target + 1;
         let track = &self.tracks[target];
         let region = track
             .state
