@@ -224,6 +224,60 @@ mod tests {
         }
     }
 
+    /// Squares on the left, and on the right the same so blurred that only half the size shows them.
+    #[test]
+    fn the_corners_of_a_part_are_those_of_the_whole_that_lie_in_it() {
+        let (width, height, square_px) = (260, 160, 32.0);
+        let bytes: Vec<u8> = (0..width * height)
+            .map(|n| {
+                let [x, y] = [(n % width) as f32, (n / width) as f32];
+                let wave = |at: f32| libm::sinf(core::f32::consts::PI * at / square_px);
+                let sharpness = if x < 130.0 { 20.0 } else { 3.0 };
+                let side = |at: f32| (sharpness * wave(at)).clamp(-1.0, 1.0);
+                (128.0 + 80.0 * side(x + 7.0) * side(y + 7.0)) as u8
+            })
+            .collect();
+        let image = GreyImage::new(&bytes, width, height, width).unwrap();
+        let mut detector = Box::new(Detector::new());
+        let mut found = |columns: &Range<usize>, rows: &Range<usize>| {
+            let mut corners = Box::new(CornerList::new());
+            detector.detect(&image, columns.clone(), rows.clone(), &mut corners);
+            let mut places: Vec<[f32; 2]> =
+                corners.as_slice().iter().map(|corner| corner.position_px).collect();
+            places.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+            places
+        };
+        let whole = found(&(0..width), &(0..height));
+        let of_half = whole.iter().filter(|[x, _]| *x > 130.0).count();
+        assert!(whole.len() - of_half >= 16 && of_half >= 12, "{whole:?}");
+        for (from, to) in (0..40).map(|n| (5 * n, 5 * n + 45)) {
+            for (columns, rows) in [(from..to, 0..height), (0..width, from.min(140)..to)] {
+                let is_in = |[x, y]: &[f32; 2]| is_within(*x, &columns) && is_within(*y, &rows);
+                let expected: Vec<[f32; 2]> = whole.iter().copied().filter(is_in).collect();
+                assert_eq!(found(&columns, &rows), expected, "{columns:?} {rows:?}");
+            }
+        }
+        for empty in [90..90, width..width + 9, 400..500] {
+            assert!(
+                found(&empty, &(0..height)).is_empty() && found(&(0..width), &empty).is_empty()
+            );
+        }
+    }
+
+    #[test]
+    fn a_corner_that_has_left_the_picture_is_not_located_again() {
+        let words = quadrants([31, 33], 200, 800);
+        let image = GreyImage::with_white_level(&words, SIDE, SIDE, SIDE, 1023).unwrap();
+        let kernels = Kernels::new();
+        let corner = examine(&image, &kernels, 0, Candidate { x: 31, y: 33 }).unwrap();
+        assert!(refined(&image, &corner).is_some());
+        let end = SIDE as f32 - 0.5;
+        for position_px in [[end, 33.0], [31.0, end], [-0.6, 33.0], [31.0, -0.6], [f32::NAN; 2]] {
+            let outside = Corner { position_px, ..corner };
+            assert_eq!(refined(&image, &outside), None, "{position_px:?}");
+        }
+    }
+
     #[test]
     fn where_tiles_meet_each_corner_is_found_once() {
         // More than two tiles wide, and high.

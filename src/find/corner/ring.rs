@@ -383,9 +383,16 @@ mod tests {
         let image = GreyImage::new(&bytes, width, height, width).unwrap();
         let mut tile = Box::new(Tile::new());
         let mut positive = 0;
-        for (x0, y0, w, h) in [(0, 0, 50, 41), (50, 0, 47, 41), (0, 41, 97, 42), (13, 29, 17, 1)] {
+        let tiles = [(0, 0, 50, 41), (50, 0, 47, 41), (0, 41, 97, 42), (13, 29, 17, 1)];
+        // Widths of which the last pixels need one more block of lanes, or not.
+        let widths = (26..34).map(|w| (31 + w % 5, 7, w, 30));
+        for (x0, y0, w, h) in tiles.into_iter().chain(widths) {
             let (candidates, _) = tile.search(&image, 0, [x0, y0], [w, h]);
             let candidates = candidates.to_vec();
+            let is_in_tile = |it: &Candidate| {
+                (x0..x0 + w).contains(&it.x.into()) && (y0..y0 + h).contains(&it.y.into())
+            };
+            assert!(candidates.iter().all(is_in_tile), "{candidates:?}");
             let response = |x: usize, y: usize| plain(&bytes, width, height, x, y);
             for y in y0..y0 + h {
                 for x in x0..x0 + w {
@@ -453,6 +460,11 @@ mod tests {
         }
         assert_eq!(to_byte(1023_u16, 2), 255);
         assert_eq!(to_byte(511_u16, 2), 127);
+        let mut bytes = [0; 4];
+        fill_whole(&mut bytes, &[0_u16, 511, 512, 1023], 2);
+        assert_eq!(bytes, [0, 127, 128, 255]);
+        fill_whole(&mut bytes, &[0_u8, 1, 254, 255], 0);
+        assert_eq!(bytes, [0, 1, 254, 255]);
         // Above white.
         assert_eq!(to_byte(1024_u16, 2), 255);
         assert_eq!(to_byte(u16::MAX, 0), 255);
