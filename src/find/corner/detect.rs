@@ -248,8 +248,8 @@ mod tests {
             places
         };
         let whole = found(&(0..width), &(0..height));
-        let of_half = whole.iter().filter(|[x, _]| *x > 130.0).count();
-        assert!(whole.len() - of_half >= 16 && of_half >= 12, "{whole:?}");
+        let blurred = whole.iter().filter(|[x, _]| *x > 130.0).count();
+        assert!(whole.len() - blurred >= 16 && blurred >= 12, "{whole:?}");
         for (from, to) in (0..40).map(|n| (5 * n, 5 * n + 45)) {
             for (columns, rows) in [(from..to, 0..height), (0..width, from.min(140)..to)] {
                 let is_in = |[x, y]: &[f32; 2]| is_within(*x, &columns) && is_within(*y, &rows);
