@@ -224,43 +224,86 @@ mod tests {
         }
     }
 
-    /// Squares on the left, and on the right the same so blurred that only half the size shows them.
+    /// The sides of squares along one axis, as blurred as this: 1 and -1 in turn, and 0 at the edges.
+    fn stripes(at_px: f32, square_px: f32, blur_px: f32) -> f32 {
+        let number = libm::roundf(at_px / square_px);
+        let sign = if number as i32 % 2 == 0 { 1.0 } else { -1.0 };
+        sign * libm::tanhf((at_px - square_px * number) / blur_px)
+    }
+
+    /// Sharp corners, and blurred ones of little contrast, which the full size does not show. Half of their
+    /// places, and a quarter, are those of sharp ones.
     #[test]
-    fn the_corners_of_a_part_are_those_of_the_whole_that_lie_in_it() {
-        let (width, height, square_px) = (260, 160, 32.0);
-        let bytes: Vec<u8> = (0..width * height)
+    fn what_only_the_half_size_shows_is_found_in_every_part() {
+        const SIDE: usize = 260;
+        let bytes: Vec<u8> = (0..SIDE * SIDE)
             .map(|n| {
-                let [x, y] = [(n % width) as f32, (n / width) as f32];
-                let wave = |at: f32| libm::sinf(core::f32::consts::PI * at / square_px);
-                let sharpness = if x < 130.0 { 20.0 } else { 3.0 };
-                let side = |at: f32| (sharpness * wave(at)).clamp(-1.0, 1.0);
-                (128.0 + 80.0 * side(x + 7.0) * side(y + 7.0)) as u8
+                let place = [n % SIDE, n / SIDE].map(|at| at as f32);
+                let drawn = |contrast: f32, square_px: f32, blur_px: f32| {
+                    let [x, y] = place.map(|at| stripes(at, square_px, blur_px));
+                    contrast * x * y
+                };
+                let level = if place.iter().all(|at| *at < 110.0) {
+                    drawn(60.0, 20.0, 0.7)
+                } else if place.iter().all(|at| *at > 140.0) {
+                    drawn(11.0, 40.0, 5.0)
+                } else {
+                    0.0
+                };
+                libm::roundf(128.0 + level) as u8
             })
             .collect();
-        let image = GreyImage::new(&bytes, width, height, width).unwrap();
-        let mut detector = Box::new(Detector::new());
-        let mut found = |columns: &Range<usize>, rows: &Range<usize>| {
-            let mut corners = Box::new(CornerList::new());
-            detector.detect(&image, columns.clone(), rows.clone(), &mut corners);
-            let mut places: Vec<[f32; 2]> =
-                corners.as_slice().iter().map(|corner| corner.position_px).collect();
-            places.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
-            places
+        let image = GreyImage::new(&bytes, SIDE, SIDE, SIDE).unwrap();
+        let grid = |from: u8, step: u8, count: u8| {
+            (0..count * count)
+                .map(move |n| [n % count, n / count].map(|at| f32::from(from + step * at)))
         };
-        let whole = found(&(0..width), &(0..height));
-        let blurred = whole.iter().filter(|[x, _]| *x > 130.0).count();
-        assert!(whole.len() - blurred >= 16 && blurred >= 12, "{whole:?}");
-        for (from, to) in (0..40).map(|n| (5 * n, 5 * n + 45)) {
-            for (columns, rows) in [(from..to, 0..height), (0..width, from.min(140)..to)] {
-                let is_in = |[x, y]: &[f32; 2]| is_within(*x, &columns) && is_within(*y, &rows);
-                let expected: Vec<[f32; 2]> = whole.iter().copied().filter(is_in).collect();
-                assert_eq!(found(&columns, &rows), expected, "{columns:?} {rows:?}");
+        let (sharp, blurred) = (grid(20, 20, 5), grid(160, 40, 3));
+        let is_at = |corner: &Corner, [x, y]: [f32; 2]| {
+            let [dx, dy] = [corner.position_px[0] - x, corner.position_px[1] - y];
+            // A quarter of a pixel of the half size.
+            dx * dx + dy * dy < 0.5 * 0.5
+        };
+        let mut tile = Box::new(Tile::new());
+        for y0 in (0..SIDE).step_by(TILE_HEIGHT) {
+            let height = TILE_HEIGHT.min(SIDE - y0);
+            let (candidates, _) = tile.search(&image, 0, [0, y0], [SIDE, height]);
+            let corners = candidates.iter().map(|it| examine(&image, &Kernels::new(), 0, *it));
+            for corner in corners.flatten() {
+                assert!(!blurred.clone().any(|place| is_at(&corner, place)), "{corner:?}");
             }
         }
-        for empty in [90..90, width..width + 9, 400..500] {
-            assert!(
-                found(&empty, &(0..height)).is_empty() && found(&(0..width), &empty).is_empty()
-            );
+        let expected: Vec<[f32; 2]> = sharp.chain(blurred).collect();
+        let mut detector = Box::new(Detector::new());
+        let mut parts = Box::new(CornerList::new());
+        for split in (12..SIDE).step_by(8) {
+            for [first, second] in [
+                [(0..SIDE, 0..split), (0..SIDE, split..SIDE)],
+                [(0..split, 0..SIDE), (split..SIDE, 0..SIDE)],
+            ] {
+                parts.clear();
+                detector.detect(&image, first.0, first.1, &mut parts);
+                detector.detect(&image, second.0, second.1, &mut parts);
+                for &place in &expected {
+                    let here = parts.as_slice().iter().filter(|corner| is_at(corner, place));
+                    assert_eq!(here.count(), 1, "{place:?}, split at {split}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_faint_corner_is_found_from_beside_it_and_not_from_afar() {
+        let kernels = Kernels::new();
+        let found = |bright: u16, [x, y]: [u16; 2]| {
+            let words = quadrants([31, 33], 500, bright);
+            let image = GreyImage::with_white_level(&words, SIDE, SIDE, SIDE, 1023).unwrap();
+            examine(&image, &kernels, 0, Candidate { x, y }).is_some()
+        };
+        for (away, is_faint_found) in [([0, 0], true), ([1, 0], true), ([2, 2], false)] {
+            let place = [31 + away[0], 33 + away[1]];
+            assert!(found(800, place), "{away:?}");
+            assert_eq!(found(523, place), is_faint_found, "{away:?}");
         }
     }
 
