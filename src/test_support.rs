@@ -14,6 +14,8 @@ use crate::model::lens::{Distortion, Lens};
 use crate::model::lens_table::LensTable;
 use crate::model::pose::{Cam, Pose, Target};
 
+pub mod drawing;
+
 /// The corners of one target, as a tracker would see them.
 pub type SeenCorners = heapless::Vec<SeenCorner, TARGET_CORNERS_MAX>;
 

@@ -79,8 +79,8 @@ impl Stage {
     }
 
     /// Runs a script beside this file in the browser, and answers each of its lines that asks for
-    /// something. One may say how it failed. Other lines are its figures; they are printed, and
-    /// returned.
+    /// something. A line may say why the script fails: that is in the panic, too. Other lines are its
+    /// figures; they are printed, and returned.
     #[track_caller]
     pub fn browse(
         &self,

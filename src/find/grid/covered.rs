@@ -139,9 +139,9 @@ fn place<P: Pixel>(
     Some(Fit::Only((index, numbered(lattice, shape, &numbering, first_square_dark))))
 }
 
-/// The shape that has a place, its index in `wanted`, and its bounds; `None` where nothing proves a
-/// place: all of it is seen, or both its ends along an axis. The extents are that of the corners that
-/// are seen, `seen` in number, and that of the squares.
+/// The shape that has a place, its index in `wanted`, and its bounds; `None` where none has one, or
+/// nothing proves it. What proves it is that all of it is seen, or both its ends along an axis. The
+/// extents are that of the corners that are seen, `seen` in number, and that of the squares.
 fn only_place<P: Pixel>(
     view: &View<'_, P>,
     [of_corners, extent]: [Bounds; 2],

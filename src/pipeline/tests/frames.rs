@@ -2,11 +2,12 @@
 
 use std::vec::Vec;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use super::*;
 use crate::find::grid::GridRejection;
 use crate::limits::SEARCH_PIXELS_PER_STEP;
+use crate::test_support::drawing::{PLAIN, blurred};
 
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
@@ -31,62 +32,16 @@ fn all() -> [(usize, Pose<Cam, Target>); 3] {
     [0, 1, 2].map(|index| (index, place(index)))
 }
 
-/// Paper with these targets: pixels are squares that are sampled finely, and then blurred by a binomial
-/// of 3 x 3, whose variance is half a pixel squared.
+/// Paper with these targets.
 fn drawn(targets: &[(usize, Pose<Cam, Target>)]) -> Vec<u8> {
-    const FINE: usize = 5;
-    /// From the middle of a target to its margin.
-    const REACH_PX: usize = 75;
-    let around = |pose: &Pose<Cam, Target>| {
-        let middle_px = lens().project(&pose.translation_mm).unwrap();
-        let around = |at: f64, end: usize| {
-            (at as usize).saturating_sub(REACH_PX).max(1)..(at as usize + REACH_PX).min(end - 1)
-        };
-        let columns = around(middle_px.x, WIDTH);
-        around(middle_px.y, HEIGHT).flat_map(move |y| columns.clone().map(move |x| [x, y]))
-    };
-    let mut levels = vec![f64::from(PAPER); WIDTH * HEIGHT];
+    let [ink, paper] = [INK, PAPER].map(f64::from);
+    let mut levels = vec![paper; WIDTH * HEIGHT];
+    let config = config(0, None);
     for (index, pose) in targets {
-        let ends = [[5.0, 7.0, 9.0][*index], 4.0];
-        let [x, y] = [0, 1].map(|axis| pose.rotation.column(axis).into_owned());
-        let picture_from_target = Matrix3::from_columns(&[x, y, pose.translation_mm]);
-        let target_from_picture = picture_from_target.try_inverse().unwrap();
-        // In squares, from the first corner.
-        let at = |x: f64, y: f64| {
-            let Lens { fx_px, fy_px, cx_px, cy_px, .. } = lens();
-            let ray = Vector3::new((x - cx_px) / fx_px, (y - cy_px) / fy_px, 1.0);
-            let at = target_from_picture * ray;
-            [0, 1].map(|axis| at[axis] / at.z / 12.0 + 0.5 * (ends[axis] - 1.0))
-        };
-        let level = |[u, v]: [f64; 2]| {
-            let is_square = (-1.0..ends[0]).contains(&u) && (-1.0..ends[1]).contains(&v);
-            let is_even = (libm::floor(u) + libm::floor(v)) % 2.0 == 0.0;
-            f64::from(if is_square && is_even { INK } else { PAPER })
-        };
-        for [column, row] in around(pose) {
-            let (x, y) = (column as f64, row as f64);
-            let middle = at(x, y);
-            let is_near = middle.iter().zip(ends).all(|(at, end)| (-1.1..end + 0.1).contains(at));
-            // From its middle, a pixel reaches less than 0.06 squares.
-            let is_cut = middle.iter().any(|at| (at - libm::round(*at)).abs() < 0.06);
-            levels[row * WIDTH + column] = if is_near && is_cut {
-                let fine = |n: usize| (n as f64 + 0.5) / FINE as f64 - 0.5;
-                let samples =
-                    (0..FINE * FINE).map(|n| level(at(x + fine(n % FINE), y + fine(n / FINE))));
-                samples.sum::<f64>() / (FINE * FINE) as f64
-            } else {
-                level(middle)
-            };
-        }
+        let target = &config.targets[*index].geometry;
+        PLAIN.draw(&lens(), target, pose, [ink, paper], &mut levels);
     }
-    let mut pixels = vec![PAPER; WIDTH * HEIGHT];
-    for [column, row] in targets.iter().flat_map(|(_, pose)| around(pose)) {
-        let at = row * WIDTH + column;
-        let across = |at: usize| levels[at - 1] + 2.0 * levels[at] + levels[at + 1];
-        let sum = across(at - WIDTH) + 2.0 * across(at) + across(at + WIDTH);
-        pixels[at] = libm::round(sum / 16.0) as u8;
-    }
-    pixels
+    blurred(&levels, WIDTH).into_iter().map(|level| libm::round(level) as u8).collect()
 }
 
 fn frame(pixels: &[u8]) -> GreyImage<'_, u8> {

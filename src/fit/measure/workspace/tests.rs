@@ -1,4 +1,4 @@
-//! Measurements of a target that is drawn: each row at a pose of its own.
+//! Measurements of a target that is drawn.
 
 extern crate std;
 
@@ -6,7 +6,7 @@ use std::boxed::Box;
 use std::rc::Rc;
 use std::vec::Vec;
 
-use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix6, Vector3, Vector6};
 
 use super::*;
 use crate::fit::measure::measurement::{Rolling, delay_ns};
@@ -16,6 +16,7 @@ use crate::model::lens::{Distortion, Lens};
 use crate::model::lens_table::LensTable;
 use crate::model::shutter::Shutter;
 use crate::model::target::{Origin, Role, TargetGeometry};
+use crate::test_support::drawing::{Drawing, PLAIN, blurred};
 use crate::test_support::{Random, table};
 
 const WIDTH: usize = 320;
@@ -53,100 +54,14 @@ fn shutter() -> Shutter {
     Shutter::new(16_000_000, HEIGHT as u16)
 }
 
-/// How the target is drawn; lengths are in squares, of which the first is at (-1, -1).
-#[derive(Clone, Copy)]
-struct Drawing {
-    /// How far it moves from one row to the next, and is at [`pose`] in the row of its middle.
-    per_row: Vector6<f64>,
-    /// How often the picture is blurred by a binomial of 3 x 3, whose variance is half a pixel squared.
-    blurs: usize,
-    /// By how much the dark squares are larger, on each side.
-    growth: f64,
-    /// By how much the outermost squares are longer.
-    longer: f64,
-    /// Where the squares end on the right.
-    columns_end: f64,
-}
-
-const PLAIN: Drawing = Drawing {
-    per_row: Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    blurs: 1,
-    growth: 0.0,
-    longer: 0.0,
-    columns_end: COLUMNS as f64,
-};
-
-impl Drawing {
-    fn is_dark(&self, u: f64, v: f64) -> bool {
-        let is_square = |u: f64, v: f64| {
-            let ends = [self.columns_end, f64::from(ROWS)];
-            let is_within = [u, v]
-                .into_iter()
-                .zip(ends)
-                .all(|(at, end)| (-1.0 - self.longer..end + self.longer).contains(&at));
-            let number = |at: f64, end: f64| libm::floor(at).clamp(-1.0, end - 1.0);
-            is_within && (number(u, ends[0]) + number(v, ends[1])) % 2.0 == 0.0
-        };
-        let around = [-self.growth, self.growth];
-        around.iter().any(|du| around.iter().any(|dv| is_square(u + du, v + dv)))
+/// The target as it is drawn, and blurred this often.
+fn drawn(drawing: &Drawing, blurs: usize) -> Vec<u16> {
+    let mut levels = std::vec![800.0; WIDTH * HEIGHT];
+    drawing.draw(&lens(), &target(), &pose(), [160.0, 800.0], &mut levels);
+    for _ in 0..blurs {
+        levels = blurred(&levels, WIDTH);
     }
-
-    fn level(&self, u: f64, v: f64) -> f64 {
-        if self.is_dark(u, v) { 160.0 } else { 800.0 }
-    }
-
-    /// The picture: pixels are squares that are sampled finely.
-    fn drawn(&self) -> Vec<u16> {
-        const FINE: usize = 7;
-        let lens = lens();
-        let middle = lens.project(&pose().transform(&target().middle_mm())).unwrap();
-        let mut levels = Vec::new();
-        for row in 0..HEIGHT {
-            let pose = pose().moved_by(&(self.per_row * (row as f64 - middle.y)));
-            let [x, y] = [0, 1].map(|axis| pose.rotation.column(axis).into_owned());
-            let picture_from_target = Matrix3::from_columns(&[x, y, pose.translation_mm]);
-            let target_from_picture = picture_from_target.try_inverse().unwrap();
-            let at = |x: f64, y: f64| {
-                let ray =
-                    Vector3::new((x - lens.cx_px) / lens.fx_px, (y - lens.cy_px) / lens.fy_px, 1.0);
-                let at: Vector3<f64> = target_from_picture * ray;
-                [at.x / at.z / PITCH_MM, at.y / at.z / PITCH_MM]
-            };
-            for column in 0..WIDTH {
-                let (x, y) = (column as f64, row as f64);
-                let [u, v] = at(x, y);
-                // A pixel has less than a tenth of a square.
-                let clear = 0.1 + self.growth.abs() + self.longer.abs();
-                if [u, v].into_iter().all(|at| (at - libm::round(at)).abs() > clear) {
-                    levels.push(self.level(u, v));
-                    continue;
-                }
-                let fine = |n: usize| (n as f64 + 0.5) / FINE as f64 - 0.5;
-                let samples = (0..FINE * FINE).map(|n| {
-                    let [u, v] = at(x + fine(n % FINE), y + fine(n / FINE));
-                    self.level(u, v)
-                });
-                levels.push(samples.sum::<f64>() / (FINE * FINE) as f64);
-            }
-        }
-        for _ in 0..self.blurs {
-            levels = blurred(&levels);
-        }
-        levels.into_iter().map(|level| libm::round(level) as u16).collect()
-    }
-}
-
-fn blurred(levels: &[f64]) -> Vec<f64> {
-    let along = |levels: &[f64], step: usize, place: &dyn Fn(usize) -> usize, count: usize| {
-        let at = |n: usize| {
-            let before = if place(n) == 0 { n } else { n - step };
-            let after = if place(n) == count - 1 { n } else { n + step };
-            (levels[before] + 2.0 * levels[n] + levels[after]) / 4.0
-        };
-        (0..levels.len()).map(at).collect::<Vec<_>>()
-    };
-    let across = along(levels, 1, &|n| n % WIDTH, WIDTH);
-    along(&across, WIDTH, &|n| n / WIDTH, HEIGHT)
+    levels.into_iter().map(|level| libm::round(level) as u16).collect()
 }
 
 /// What a measurement is made of.
@@ -159,8 +74,12 @@ struct Bench {
 
 impl Bench {
     fn of(drawing: &Drawing) -> Self {
+        Self::of_blurred(drawing, 1)
+    }
+
+    fn of_blurred(drawing: &Drawing, blurs: usize) -> Self {
         let workspace = Box::new(Workspace::new());
-        Self { words: drawing.drawn(), lens: table(&lens()), target: target(), workspace }
+        Self { words: drawn(drawing, blurs), lens: table(&lens()), target: target(), workspace }
     }
 
     /// Does something with the workspace and the view.
@@ -266,7 +185,7 @@ fn an_unknown_velocity_adds_to_the_covariance_what_it_does_to_a_pose() {
 
 #[test]
 fn the_blur_and_the_growth_are_those_of_the_drawing() {
-    let mut bench = Bench::of(&Drawing { blurs: 2, growth: 0.01, ..PLAIN });
+    let mut bench = Bench::of_blurred(&Drawing { growth: 0.01, ..PLAIN }, 2);
     let first = bench.tracked(None, Appearance::START);
     let found = bench.tracked(None, first.appearance);
     // A pixel's box, and half a pixel squared each time; the paper is tilted, and a sum of boxes is
@@ -309,7 +228,7 @@ fn a_border_is_used_where_the_inner_edges_put_it() {
 
 #[test]
 fn only_a_blur_that_is_not_known_is_taken_from_a_start_beside_the_edges() {
-    let mut bench = Bench::of(&Drawing { blurs: 2, ..PLAIN });
+    let mut bench = Bench::of_blurred(&PLAIN, 2);
     let settled = Appearance { ln_blur_sd: 0.01, ..Appearance::START };
     // 0.35 pixels.
     let beside = pose().moved_by(&Vector6::new(0.0, 0.0, 0.0, 0.3, 0.0, 0.0));
@@ -327,11 +246,11 @@ fn only_a_blur_that_is_not_known_is_taken_from_a_start_beside_the_edges() {
 
 #[test]
 fn a_pattern_that_goes_on_is_noticed() {
-    for (columns_end, goes_on) in [(f64::from(COLUMNS), false), (f64::from(COLUMNS) + 1.0, true)] {
-        let mut bench = Bench::of(&Drawing { columns_end, ..PLAIN });
+    for (more_columns, goes_on) in [(0.0, false), (1.0, true)] {
+        let mut bench = Bench::of(&Drawing { more_columns, ..PLAIN });
         bench.tracked(None, Appearance::START);
         let found = bench.with(None, |workspace, view| workspace.pattern_goes_on(view));
-        assert_eq!(found, goes_on, "{columns_end}");
+        assert_eq!(found, goes_on, "{more_columns}");
     }
 }
 
