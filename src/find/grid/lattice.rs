@@ -323,8 +323,7 @@ impl Lattice {
         let before = self.count;
         for cell in extent.grown(reach).cells() {
             let on_map = cell.iter().all(|value| (-CENTRE..CENTRE).contains(value));
-            // A place from which a corner was removed may not be placed again.
-            if !on_map || self.corner(cell).is_some() || self.count == CORNERS_MAX {
+            if !on_map || self.corner(cell).is_some() {
                 continue;
             }
             if let Some(index) = self.corner_on_plane(corners, plane, cell) {
@@ -365,6 +364,8 @@ impl Lattice {
         nearest.map(|(_, index)| index)
     }
 
+    /// Places a corner that is not used: each once, also one that is removed afterwards, so the
+    /// queue has a place for it.
     fn place(&mut self, cell: [i32; 2], index: u16) {
         self.map[(cell[1] + CENTRE) as usize][(cell[0] + CENTRE) as usize] = index + 1;
         self.used[usize::from(index)] = true;

@@ -94,8 +94,8 @@ fn one_dark_square_is_not_enough_unless_it_ends_at_two_sides() {
 
 #[test]
 fn the_edge_of_something_dark_is_none_of_squares() {
-    // As many light squares end at it, or more.
-    for (columns, rows) in [(6, 5), (7, 4)] {
+    // As many light squares end at it as dark ones, more, or fewer: each square.
+    for (columns, rows) in [(6, 5), (7, 4), (6, 4)] {
         let mut edge = with_last_column([columns, rows]);
         let end = f64::from(columns);
         edge.paint(end - 1.0..end, -2.0..f64::from(rows) + 1.0, DARK);
