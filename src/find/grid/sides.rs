@@ -214,12 +214,11 @@ pub(super) fn with_squares_beyond<P: Pixel>(view: &View<'_, P>, bounds: Bounds) 
 }
 
 /// Whether a line of squares is seen this many steps outwards of those just outside of a border
-/// line: at least two sides of dark ones end where they should, and, unlike at the edge of a cover,
-/// fewer of as many light ones. The first and the last square, at the board's corners, end at two
-/// sides.
+/// line: two more sides of dark ones end where they should than of light ones. At a straight edge of
+/// something dark every square ends, and at most one more of them is a dark one. The first and the
+/// last square, at the board's corners, end at two sides.
 fn squares_end<P: Pixel>(view: &View<'_, P>, line: &Line, gap: i32) -> bool {
-    // Light ones, and dark ones.
-    let (mut squares, mut ends) = ([0; 2], [0; 2]);
+    let mut ends = [0; 2];
     let last = line.length() as i32 - 1;
     for number in -1..=last {
         let square = Square::new(line, number, gap);
@@ -232,11 +231,9 @@ fn squares_end<P: Pixel>(view: &View<'_, P>, line: &Line, gap: i32) -> bool {
             .flatten()
             .filter(|square| is_end_seen(view, square))
             .count();
-        let is_dark = usize::from(view.is_dark(square.cell));
-        squares[is_dark] += 1;
-        ends[is_dark] += seen;
+        ends[usize::from(view.is_dark(square.cell))] += seen;
     }
-    ends[1] >= 2 && ends[1] * squares[0] > ends[0] * squares[1]
+    ends[1] >= ends[0] + 2
 }
 
 /// Whether something dark is seen to end where a square should, with paper behind.

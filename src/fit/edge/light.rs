@@ -285,7 +285,7 @@ impl Light {
             }
         }
         let sum = light.coefficients.sum() + dark.coefficients.sum() + noise.middle();
-        (sum.is_finite() && light.variance > 0.0 && dark.variance > 0.0).then_some(Self {
+        sum.is_finite().then_some(Self {
             origin_px,
             light,
             dark,
@@ -340,7 +340,8 @@ fn reach_px(width_px: f64, blur_px: f64) -> usize {
 
 impl Plane {
     /// Robust: squares that something covers do not count. `of_mean` is the variance that the
-    /// pixels' noise gives each level, `floor` the smallest variance of the result.
+    /// pixels' noise gives each level, `floor` the smallest variance of the result. `None` where the
+    /// levels do not scatter at all, as those of a drawing: they would have no variance.
     fn fit(squares: &[Square], of_mean: f64, floor: f64) -> Option<Self> {
         if squares.len() < SQUARES_MIN {
             return None;

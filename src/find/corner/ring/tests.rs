@@ -86,6 +86,62 @@ fn the_ring_is_its_definition_at_every_pixel_of_odd_tiles() {
 }
 
 #[test]
+fn a_response_begins_at_the_least_contrast_and_signal() {
+    // Rings side by side whose first half has little more contrast than disorder, or little less, and
+    // whose other half shows a corner, or nearly.
+    const SIDE: usize = 9;
+    const COUNT: usize = 50;
+    const WIDTH: usize = SIDE * COUNT;
+    const HEIGHT: usize = 64;
+    const MIDDLE: i32 = 100;
+    let mut random = crate::test_support::Random::new(7);
+    let mut tile = Box::new(Tile::new());
+    let mut at_the_bound = [0; 3];
+    for _ in 0..40 {
+        let mut bytes = std::vec![MIDDLE as u8; WIDTH * HEIGHT];
+        let mut excess = [0; COUNT];
+        for (n, excess) in excess.iter_mut().enumerate() {
+            let mut set = |[x, y]: [i32; 2], value: i32| {
+                let (column, row) = ((n * SIDE + 4) as i32 + x, 4 + y);
+                bytes[row as usize * WIDTH + column as usize] = value as u8;
+            };
+            let mut below = |end: u64| (random.bits() % end) as i32;
+            let (contrast, odd) = (6 + below(12), below(10));
+            for (pair, [x, y]) in [[4, 0], [3, 3], [0, 4], [-3, 3]].into_iter().enumerate() {
+                let level = MIDDLE + [contrast, 0][pair / 2];
+                set([x, y], level + odd);
+                set([-x, -y], level);
+            }
+            let (contrast_between, odd_between) = (6 + below(20), below(3));
+            for (pair, [x, y]) in [[4, 2], [2, 4], [-2, 4], [-4, 2]].into_iter().enumerate() {
+                let level = MIDDLE + [contrast_between, 0][pair / 2];
+                set([x, y], level + odd_between);
+                set([-x, -y], level);
+            }
+            let level = (contrast + contrast_between) / 4 + (odd + odd_between) / 4;
+            for [x, y] in [[1, 0], [-1, 0], [0, 1], [0, -1]] {
+                set([x, y], MIDDLE + level);
+            }
+            *excess = contrast - odd;
+        }
+        let image = GreyImage::new(&bytes, WIDTH, HEIGHT, WIDTH).unwrap();
+        tile.search(&image, 0, [0, 0], [WIDTH, HEIGHT]);
+        for (n, excess) in excess.into_iter().enumerate() {
+            let (x, y) = (n * SIDE + 4, 4);
+            let fast = tile.responses[y + MAXIMUM].as_flattened()[x + MAXIMUM];
+            assert_eq!(fast, plain(&bytes, WIDTH, HEIGHT, x, y), "{n}");
+            assert!(fast == 0 || excess >= i32::from(RESPONSE_MIN), "{n}: {fast} {excess}");
+            if fast > 0
+                && let Some(count) = at_the_bound.get_mut((excess - 5) as usize)
+            {
+                *count += 1;
+            }
+        }
+    }
+    assert!(at_the_bound.iter().all(|count| *count > 10), "{at_the_bound:?}");
+}
+
+#[test]
 fn the_half_size_is_the_mean_of_four() {
     let mut random = crate::find::corner::tests::Random(4);
     for length in [1, 15, 16, 17, 41] {

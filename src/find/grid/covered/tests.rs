@@ -6,7 +6,7 @@ use std::boxed::Box;
 use std::vec::Vec;
 
 use super::*;
-use crate::find::grid::tests::drawn::{Drawn, LIGHT, corners_at, grown, px};
+use crate::find::grid::tests::drawn::{DARK, Drawn, LIGHT, corners_at, grown, px};
 
 /// A cover, as bright as neither ink nor paper.
 const COVER: u8 = 110;
@@ -333,6 +333,31 @@ fn two_numbers_of_hidden_lines_that_fit_are_ambiguous() {
     assert_eq!((index, rows(&grid)), (0, [0, 2].to_vec()));
     // With two steps between them both shapes fit, so that four prove nothing.
     assert_eq!(placed_at_first(&drawn, &[three, five]), None);
+}
+
+/// Two lines of corners are seen above a strap, and one below it: the squares above it say that four steps lie
+/// between the first and the last line, those below it, which are twice as high, two, and those beside it leave
+/// both possible. What neighbours show is not doubted for that.
+#[test]
+fn where_neighbours_fit_no_hidden_lines_are_looked_for() {
+    let mut drawn = Drawn::new([5, 5]);
+    drawn.hide(&(0..5).flat_map(|u| [[u, 2], [u, 3]]).collect::<Vec<_>>());
+    drawn.paint(-0.3..4.3, 1.3..3.7, COVER);
+    drawn.paint(-2.0..6.0, 5.0..7.5, LIGHT);
+    for u in [0.0, 2.0, 4.0] {
+        drawn.paint(u..u + 1.0, 5.0..6.0, DARK);
+    }
+    drawn.paint(-2.0..-0.3, 1.0..4.0, LIGHT);
+    drawn.paint(-1.0..-0.3, -2.0..0.0, DARK);
+    drawn.paint(-1.0..-0.3, 2.0..4.0, DARK);
+    drawn.paint(4.3..6.0, 1.0..4.0, LIGHT);
+    drawn.paint(4.3..5.0, 0.0..2.0, DARK);
+    let wanted = [shape(5, 3), shape(5, 5)];
+    let (mut lattice, _) = grown(&drawn.corners, Least::Piece { gap: 2 });
+    let fit = place(&drawn.image(), &mut lattice, &drawn.corners, &wanted);
+    assert_eq!(fit, Some(Fit::Several));
+    let (index, grid) = placed_at_first(&drawn, &wanted).unwrap();
+    assert_eq!((index, rows(&grid)), (1, [0, 1, 4].to_vec()));
 }
 
 /// No target has twice as many places as there can be corners: in a larger lattice, nothing is computed.

@@ -104,6 +104,31 @@ fn too_few_squares_are_none() {
 }
 
 #[test]
+fn levels_without_any_scatter_have_no_precision() {
+    // A drawing, the pixels of whose squares are all alike: only levels that scatter from square to square
+    // have a variance.
+    let scene = Scene { light_gain: 0.0, dark_gain: 0.0, ..Scene::new(21.0, 0.0, 0.0) };
+    let nodes = scene.nodes(&scene.cam_from_target);
+    let width = usize::from(WIDTH);
+    let measured = |scatter: [u16; 2]| {
+        let mut pixels = std::vec![WHITE / 2; width * usize::from(HEIGHT)];
+        for (number, square) in nodes.squares(true).enumerate() {
+            let level = [700, 200][usize::from(square.is_dark)]
+                + scatter[usize::from(square.is_dark)] * (number * number % 7) as u16;
+            let [x, y] = <[f64; 2]>::from(square.middle_px).map(|at| at as usize);
+            for row in y - 8..y + 8 {
+                pixels[row * width + x - 8..][..16].fill(level);
+            }
+        }
+        Light::measure(&image(&pixels), &nodes, true, scene.blur_px())
+    };
+    for scatter in [[0, 0], [9, 0], [0, 9]] {
+        assert!(measured(scatter).is_none(), "{scatter:?}");
+    }
+    assert!(measured([9, 9]).is_some());
+}
+
+#[test]
 fn the_middle_noise_and_its_contrast_are_those_of_both_levels() {
     let of = |light, dark| {
         let noise = Noise { light, dark };
