@@ -421,8 +421,15 @@ fn on_this_machine(
     let place = if later.contains(&Part::Boot) { &mut journal.left } else { &mut beside };
     place.push(lint);
     journal.beside(beside, |journal| journal.suite("tests", &suite, programs));
+    let smaller = Suite { selection: SMALLER_LIMITS, with_documentation: false, ..suite };
+    if let Some(programs) = journal.built("build tests with the smaller limits", &smaller) {
+        journal.suite("tests with the smaller limits", &smaller, programs);
+    }
     Ok(())
 }
+
+/// The core's own tests with the capacities that it has on a microcontroller.
+const SMALLER_LIMITS: &[&str] = &["--package", "plumbline", "--lib", "--features", "small-limits"];
 
 /// The packages that ship on ARM; the tests in `tests/core` read rendered frames.
 const SHIPPED: [&str; 3] = ["plumbline", "plumbline-board", "plumbline-core-tests"];

@@ -587,7 +587,7 @@ fn a_full_list_keeps_the_strongest_and_counts_the_rest() {
     assert_eq!((list.as_slice().len(), list.dropped()), (CORNERS_MAX, 100));
     assert!(list.as_slice().iter().all(|kept| kept.score > 0.0001 * 100.5));
     // The same place again: no second corner.
-    list.push(Corner { score: 0.4, ..corner(500) });
+    list.push(Corner { score: 0.4, ..corner(CORNERS_MAX / 2) });
     assert_eq!((list.as_slice().len(), list.dropped()), (CORNERS_MAX, 100));
     list.clear();
     assert_eq!((list.as_slice().len(), list.dropped()), (0, 0));

@@ -137,10 +137,11 @@ fn pixel_formats_keep_their_numbers() {
 #[test]
 fn the_largest_config_fits_its_buffer() {
     let mut config = config();
+    let most = TARGET_CORNERS_MAX as u8;
     config.targets = [
-        target("0123456789abcdef", 12, 10, Role::Upper),
-        target("123456789abcdef0", 15, 8, Role::Lower),
-        target("23456789abcdef01", 40, 3, Role::Scene),
+        target("0123456789abcdef", most / 8, 8, Role::Upper),
+        target("123456789abcdef0", most / 4, 4, Role::Lower),
+        target("23456789abcdef01", most / 3, 3, Role::Scene),
     ]
     .into_iter()
     .collect();

@@ -9,13 +9,30 @@ use crate::test_support::{Random, bedside_lens, repetitions};
 
 const FISHEYE: Distortion = Distortion::Fisheye4([-0.02, 0.004, -0.003, 0.0005]);
 
+/// A lens with a frame of the size for which this build's capacities are.
+fn of_size_of_build(lens: Lens) -> Lens {
+    if !cfg!(feature = "small-limits") || lens.width_px.min(lens.height_px) <= 480 {
+        return lens;
+    }
+    let scale = 640.0 / 1456.0;
+    Lens {
+        width_px: (f64::from(lens.width_px) * scale) as u16,
+        height_px: (f64::from(lens.height_px) * scale) as u16,
+        fx_px: lens.fx_px * scale,
+        fy_px: lens.fy_px * scale,
+        cx_px: lens.cx_px * scale,
+        cy_px: lens.cy_px * scale,
+        ..lens
+    }
+}
+
 /// Lenses of all kinds, each with a name.
-fn lenses() -> Vec<(&'static str, Lens)> {
+fn lenses() -> impl Iterator<Item = (&'static str, Lens)> {
     let bedside = bedside_lens();
     let with = |distortion| Lens { distortion, ..bedside };
     let wide = Lens { fx_px: 800.0, fy_px: 805.0, ..bedside };
     let wide = |distortion| Lens { distortion, ..wide };
-    std::vec![
+    [
         ("no distortion", with(Distortion::Radial2([0.0; 2]))),
         ("the bedside's", bedside),
         ("a strong cushion", with(Distortion::Radial2([0.4, 0.3]))),
@@ -23,7 +40,7 @@ fn lenses() -> Vec<(&'static str, Lens)> {
         ("decentred", wide(Distortion::Brown5([-0.1, 0.02, 0.02, -0.015, 0.0]))),
         (
             "upright",
-            Lens { width_px: 1088, height_px: 1456, cx_px: 540.0, cy_px: 731.0, ..bedside }
+            Lens { width_px: 1088, height_px: 1456, cx_px: 540.0, cy_px: 731.0, ..bedside },
         ),
         (
             "a large frame",
@@ -37,7 +54,7 @@ fn lenses() -> Vec<(&'static str, Lens)> {
                 ..bedside
             },
         ),
-        ("a narrow strip", Lens { width_px: 1456, height_px: 64, cy_px: 30.0, ..bedside },),
+        ("a narrow strip", Lens { width_px: 1456, height_px: 64, cy_px: 30.0, ..bedside }),
         (
             "a tiny frame, askew",
             Lens {
@@ -68,6 +85,8 @@ fn lenses() -> Vec<(&'static str, Lens)> {
             Lens { fx_px: 640.0, fy_px: 645.0, distortion: FISHEYE, ..bedside },
         ),
     ]
+    .into_iter()
+    .map(|(name, lens)| (name, of_size_of_build(lens)))
 }
 
 fn table(lens: &Lens) -> Box<LensTable> {
@@ -87,6 +106,8 @@ fn any_pixel(lens: &Lens, random: &mut Random) -> Vector2<f64> {
 
 #[test]
 fn both_maps_of_every_lens_are_within_the_bound_everywhere() {
+    // There and back, and of derivatives. Fewer cells follow a lens less closely.
+    let bound = if cfg!(feature = "small-limits") { 1e-3 } else { 1e-4 };
     let mut random = Random::new(1);
     for (name, lens) in lenses() {
         let table = table(&lens);
@@ -108,11 +129,11 @@ fn both_maps_of_every_lens_are_within_the_bound_everywhere() {
             let error_px = (exact * (back - ray)).norm();
             assert!(error_px < ERROR_PX_MAX, "{name}: {error_px} px back at {raw_px}");
             let error_px = (table.raw_from_ray_with_jacobian(&back).0 - raw_px).norm();
-            assert!(error_px < 1e-4, "{name}: back and forth, {error_px} px at {raw_px}");
+            assert!(error_px < bound, "{name}: back and forth, {error_px} px at {raw_px}");
 
             // A prediction is off by 1 px at most where only derivatives are used.
             let error = (raw_by_ray - exact).norm() / exact.norm();
-            assert!(error < 1e-4, "{name}: derivatives off by {error} at {raw_px}");
+            assert!(error < bound, "{name}: derivatives off by {error} at {raw_px}");
         }
     }
 }
@@ -211,7 +232,12 @@ fn a_nan_stays_one() {
 
 /// A lens that rises too fast in its corners, but only a little.
 fn steep() -> Lens {
-    Lens { distortion: Distortion::Brown5([0.0, 0.0, 0.0, 0.0, 200.0]), ..bedside_lens() }
+    // Fewer cells follow what rises less fast.
+    let k3 = if cfg!(feature = "small-limits") { 25.0 } else { 200.0 };
+    of_size_of_build(Lens {
+        distortion: Distortion::Brown5([0.0, 0.0, 0.0, 0.0, k3]),
+        ..bedside_lens()
+    })
 }
 
 #[test]
@@ -222,7 +248,9 @@ fn the_error_is_the_largest_at_four_pixels_along_each_cell() {
     let mut largest_px = 0.0_f64;
     let steps = 4 * LENS_TABLE_CELLS;
     for (row, column) in (0..=steps).flat_map(|row| (0..=steps).map(move |it| (row, it))) {
-        let raw_px = Vector2::new(1455.0 * column as f64, 1087.0 * row as f64) / steps as f64;
+        let [width_px, height_px] =
+            [lens.width_px, lens.height_px].map(|side_px| f64::from(side_px - 1));
+        let raw_px = Vector2::new(width_px * column as f64, height_px * row as f64) / steps as f64;
         let ray = lens.ray_from_raw(&raw_px).unwrap();
         let forth_px = table.raw_from_ray_with_jacobian(&ray).0 - raw_px;
         let back = table.ray_from_raw(&raw_px).unwrap();

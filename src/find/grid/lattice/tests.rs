@@ -274,6 +274,21 @@ fn all_corners_of_a_search_may_be_one_lattice() {
 }
 
 #[test]
+fn the_longest_target_is_a_lattice_from_either_of_its_ends() {
+    let longest = TARGET_CORNERS_MAX as i32 / 3;
+    for size in [[longest, 3], [3, longest]] {
+        let corners = board_from([0, 0], size);
+        for seed in [0, corners.len() - 1] {
+            let mut lattice = started(&corners);
+            let bounds = lattice.grow(&corners, seed as u16, Least::Target).unwrap();
+            let lines = [bounds.columns(), bounds.rows()].map(|lines| lines as i32);
+            assert!(lines == size || lines == [size[1], size[0]], "{lines:?}");
+            assert_eq!(lattice.cells().count(), corners.len());
+        }
+    }
+}
+
+#[test]
 fn what_lies_outside_of_the_map_is_left_out() {
     // Three more columns than the map has, at either end.
     let columns = SIDE as i32 + 6;
