@@ -61,7 +61,8 @@ enum Part {
     /// or photograph many pictures, start the box's program, or open a browser; without the tests
     /// in the documentation, other processors and images.
     Quick,
-    /// On this machine: rustfmt, clippy, the dependencies, build, all tests.
+    /// On this machine: rustfmt, clippy, the dependencies, build, all tests, and the core's own with the
+    /// smaller limits.
     Native,
     /// The tests of what ships on 64-bit ARM, the core and the box's program, built for it and run
     /// under QEMU; and one recording whose poses agree with this machine's.
