@@ -214,9 +214,9 @@ pub(super) fn with_squares_beyond<P: Pixel>(view: &View<'_, P>, bounds: Bounds) 
 }
 
 /// Whether a line of squares is seen this many steps outwards of those just outside of a border
-/// line: two more sides of dark ones end where they should than of light ones. At a straight edge of
-/// something dark every square ends, and at most one more of them is a dark one. The first and the
-/// last square, at the board's corners, end at two sides.
+/// line: at least two more sides of dark ones end where they should than of light ones. At a straight
+/// edge of something dark every square ends, and at most one more of them is a dark one. The first
+/// and the last square, at the board's corners, end at two sides.
 fn squares_end<P: Pixel>(view: &View<'_, P>, line: &Line, gap: i32) -> bool {
     let mut ends = [0; 2];
     let last = line.length() as i32 - 1;
