@@ -115,6 +115,7 @@ mod tests {
             }
             assert_eq!(&store.read().unwrap(), expected);
             store.complete().unwrap();
+            assert_eq!(names(folder.path()), ["config.plb"]);
             assert_eq!(&store.read().unwrap(), expected);
             assert_eq!(&std::fs::read(&path).unwrap(), expected);
             // And the next is stored as ever.

@@ -180,6 +180,7 @@ mod tests {
             assert_eq!(store.read().unwrap(), Some(key(expected)));
             store.complete().unwrap();
             assert_eq!(std::fs::read(&path).unwrap(), line(expected));
+            assert!(!folder.path().join("box.new").exists());
             store.store(&key(3)).unwrap();
             assert_eq!(store.read().unwrap(), Some(key(3)));
             assert!(!folder.path().join("box.new").exists());

@@ -11,7 +11,8 @@
 //!
 //! After a power cut in step 2 the journal is intact and the file in place is not: the next start
 //! uses the journal, and repeats steps 2 and 3. Whenever the file in place is intact it is the one
-//! that is used, so that a file which a person copies there is never overruled.
+//! that is used, so that a file which a person copies there is never overruled; and a journal that
+//! was cut off in step 1 is removed.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
@@ -83,16 +84,17 @@ impl StoredFile {
         }
     }
 
-    /// Finishes a replacement that was interrupted: the next one must not be written over the
-    /// only intact copy.
+    /// Finishes a replacement that was interrupted, or gives it up where the journal is not intact:
+    /// the next one must not be written over the only intact copy.
     ///
     /// # Errors
     /// When the disk cannot be written.
     pub fn complete(&self) -> Result<()> {
-        if self.journal().is_none() {
+        if self.read_bounded(&journal_of(&self.path)).is_err() {
             return Ok(());
         }
-        let bytes = self.read()?;
+        // The very first file, cut off: there is none to go back to, and nothing to finish.
+        let Ok(bytes) = self.read() else { return Ok(()) };
         self.written_to(|| self.put_in_place(&bytes))
     }
 
@@ -181,5 +183,20 @@ mod tests {
         static KIND: Kind = Kind { bytes_max: 1000, mode: 0o600, is_whole: |_| true };
         let endless = StoredFile::file(&KIND, Path::new("/dev/zero"));
         assert_eq!(endless.read().unwrap().len(), 1001);
+    }
+
+    #[test]
+    fn where_the_first_one_was_cut_off_there_is_none_and_the_next_is_stored() {
+        static KIND: Kind =
+            Kind { bytes_max: 9, mode: 0o600, is_whole: |bytes| bytes.ends_with(b".") };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        std::fs::write(journal_of(&path), b"cut o").unwrap();
+        let file = StoredFile::file(&KIND, &path);
+        file.complete().unwrap();
+        assert!(is_absent(&file.read().unwrap_err()));
+        file.store(b"whole.").unwrap();
+        assert_eq!(file.read().unwrap(), b"whole.");
+        assert!(!journal_of(&path).exists());
     }
 }
