@@ -93,7 +93,7 @@ impl StoredFile {
         if self.read_bounded(&journal_of(&self.path)).is_err() {
             return Ok(());
         }
-        // The very first file, cut off: there is none to go back to, and nothing to finish.
+        // The very first file was cut off, or the one in place cannot be read: the next is written over it.
         let Ok(bytes) = self.read() else { return Ok(()) };
         self.written_to(|| self.put_in_place(&bytes))
     }

@@ -364,8 +364,8 @@ impl Lattice {
         nearest.map(|(_, index)| index)
     }
 
-    /// Places a corner that is not used: each once, also one that is removed afterwards, so the
-    /// queue has a place for it.
+    /// Places a corner that is not used. None is placed twice, even if it was removed, so the
+    /// queue always has room.
     fn place(&mut self, cell: [i32; 2], index: u16) {
         self.map[(cell[1] + CENTRE) as usize][(cell[0] + CENTRE) as usize] = index + 1;
         self.used[usize::from(index)] = true;

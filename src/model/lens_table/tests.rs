@@ -232,7 +232,7 @@ fn a_nan_stays_one() {
 
 /// A lens that rises too fast in its corners, but only a little.
 fn steep() -> Lens {
-    // Fewer cells follow what rises less fast.
+    // For the fewer cells of the smaller limits, less is too fast.
     let k3 = if cfg!(feature = "small-limits") { 25.0 } else { 200.0 };
     of_size_of_build(Lens {
         distortion: Distortion::Brown5([0.0, 0.0, 0.0, 0.0, k3]),
